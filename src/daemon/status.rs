@@ -36,6 +36,8 @@ pub struct Status {
     pub ready: bool,
     /// Whether a capture is taken although cameras are missing (`sync.go_on_without_missing`).
     pub goes_on_without_missing: bool,
+    /// Whether an order is being carried out, such as a capture or background pictures: a press is `busy` now.
+    pub busy: bool,
     /// Each camera's status by its id.
     pub cameras: BTreeMap<String, CameraStatus>,
     /// The session that is being recorded.

@@ -245,7 +245,9 @@ fn a_press_during_a_capture_is_told_so() {
     assert!(matches!(first.recv().unwrap(), Reply::Accepted { .. }));
     let second: Vec<_> = stand.begin_press().iter().collect();
     assert_eq!(second, [Reply::Busy]);
+    assert!(stand.capturing.status().busy);
     assert!(matches!(first.iter().last(), Some(Reply::Failed { .. })));
+    assert!(!stand.capturing.status().busy);
 }
 
 #[test]

@@ -35,6 +35,10 @@ pub(super) enum Error {
         "the daemon sent {0:?}, which is not a reply that this page knows: check that both have the same version"
     )]
     Senseless(String),
+    #[error(
+        "the daemon did not say in time what became of the press: look at the history before you press again"
+    )]
+    Unsure,
     #[error("{0}")]
     Refused(String),
     #[error(
@@ -47,6 +51,17 @@ impl From<std::io::Error> for Error {
     fn from(cause: std::io::Error) -> Self {
         Self::Away(cause)
     }
+}
+
+/// How far a press got.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Progress {
+    /// The daemon knows nothing of it.
+    Unsent,
+    /// Whether the daemon took it is not known.
+    Sent,
+    /// A capture began.
+    Accepted,
 }
 
 /// A connection to the daemon.
@@ -128,6 +143,9 @@ impl Daemon {
 
     /// Takes a capture and waits until it is on the disk. A connection that breaks is made again under the same
     /// `press_id`, so that it stays one press; one that is not accepted within two seconds is given up.
+    ///
+    /// # Errors
+    /// [`Error::Unsure`] if the press was sent and its outcome is not known; otherwise nothing was begun.
     pub(super) async fn press(
         &self,
         press_id: &str,
@@ -143,45 +161,109 @@ impl Daemon {
             until: Until::Durable,
         };
         let begin = Instant::now();
-        let mut accepted = false;
+        let mut progress = Progress::Unsent;
         loop {
-            let at_most = if accepted { END } else { BEGIN };
-            let left = at_most.saturating_sub(begin.elapsed()).max(PAUSE);
-            let attempt = self.attempt(&request, left, &mut accepted).await;
+            let attempt = self.attempt(&request, begin, &mut progress).await;
             let error = match attempt {
                 Ok(reply) => return Ok(reply),
                 Err(error) => error,
             };
-            let at_most = if accepted { END } else { BEGIN };
-            if begin.elapsed() >= at_most {
-                return Err(error);
+            if left(begin, progress) <= PAUSE {
+                let is_unsent = progress == Progress::Unsent;
+                return Err(if is_unsent { error } else { Error::Unsure });
             }
             tokio::time::sleep(PAUSE).await;
         }
     }
 
-    /// Asks for the capture once the daemon has answered a request for its status within `left`: a press that waits in
-    /// the socket of a daemon that is not there yet would be taken late.
+    /// Asks for the capture once the daemon has answered a request for its status: a press that waits in the socket of a
+    /// daemon that is not there yet would be taken late. `begin` is when the press began.
     async fn attempt(
         &self,
         request: &Request,
-        left: Duration,
-        accepted: &mut bool,
+        begin: Instant,
+        progress: &mut Progress,
     ) -> Result<Reply, Error> {
-        let opened = timeout(left, Connection::open(&self.path)).await;
+        let opened = timeout(left(begin, *progress), Connection::open(&self.path)).await;
         let mut connection = opened.map_err(|_| Error::Slow)??;
-        let status = connection.ask(&Request::Status {}, left).await?;
+        let patience = left(begin, *progress);
+        let status = connection.ask(&Request::Status {}, patience).await?;
         if !matches!(status, Reply::Status { .. }) {
-            return Ok(status);
+            // It answers this connection, and not the press that may have begun over an earlier one.
+            let is_unsent = *progress == Progress::Unsent;
+            return if is_unsent {
+                Ok(status)
+            } else {
+                Err(Error::Unsure)
+            };
+        }
+        if *progress == Progress::Unsent {
+            *progress = Progress::Sent;
         }
         connection.send(request).await?;
         loop {
-            let reply = timeout(END, connection.event()).await;
+            let reply = timeout(left(begin, *progress), connection.event()).await;
             let reply = reply.map_err(|_| Error::Slow)??;
-            *accepted |= matches!(reply, Reply::Accepted { .. });
+            if matches!(reply, Reply::Accepted { .. }) {
+                *progress = Progress::Accepted;
+            }
             if reply.is_end(Until::Durable) {
                 return Ok(reply);
             }
         }
+    }
+}
+
+/// How long a press that began at that time is waited for yet, at least a moment.
+fn left(begin: Instant, progress: Progress) -> Duration {
+    let at_most = if progress == Progress::Accepted {
+        END
+    } else {
+        BEGIN
+    };
+    at_most.saturating_sub(begin.elapsed()).max(PAUSE)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::io::{BufRead, Write};
+
+    /// A daemon that answers requests for its status, and a press with these lines alone.
+    fn serve(path: &Path, lines: &'static str) {
+        let listener = std::os::unix::net::UnixListener::bind(path).unwrap();
+        std::thread::spawn(move || {
+            for stream in listener.incoming().map_while(Result::ok) {
+                let mut write = stream.try_clone().unwrap();
+                std::thread::spawn(move || {
+                    let asked = std::io::BufReader::new(stream).lines();
+                    for line in asked.map_while(Result::ok) {
+                        let is_press = line.contains("trigger");
+                        let status = "{\"type\":\"status\",\"status\":{}}\n";
+                        let reply = if is_press { lines } else { status };
+                        let _ = write.write_all(reply.as_bytes());
+                    }
+                });
+            }
+        });
+    }
+
+    fn press(lines: &'static str) -> Result<Reply, Error> {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("scand.sock");
+        serve(&path, lines);
+        let runtime = tokio::runtime::Builder::new_current_thread();
+        let runtime = { runtime }.enable_all().build().unwrap();
+        let daemon = Daemon::new(&path);
+        let pressed =
+            async { timeout(Duration::from_secs(30), daemon.press("p", None, None)).await };
+        runtime.block_on(pressed).expect("it is not given up")
+    }
+
+    #[test]
+    fn a_press_that_is_not_accepted_in_time_is_given_up_and_its_outcome_is_not_known() {
+        assert!(matches!(press(""), Err(Error::Unsure)));
+        let busy = press("{\"type\":\"busy\"}\n");
+        assert!(matches!(busy, Ok(Reply::Busy)));
     }
 }

@@ -1,5 +1,6 @@
 //! What `/metrics` tells, in OpenMetrics' text: presses by outcome, how long they took, and what the last status said.
 
+use super::now::captures_left;
 use crate::level::Level;
 use crate::trigger::Event;
 use serde_json::Value;
@@ -165,11 +166,12 @@ impl Metrics {
 }
 
 fn of_status(text: &mut String, status: &Value) {
+    let captures_left = captures_left(status);
     for (name, help, value) in [
         (
             "scand_captures_left",
             "Captures that fit on the disk",
-            &status["captures_left"],
+            &captures_left,
         ),
         (
             "scand_models_waiting",
@@ -242,7 +244,7 @@ mod tests {
             let at = begin + Duration::from_millis(ms);
             metrics.hear(&serde_json::from_str(line).unwrap(), at);
         }
-        let status = json!({ "captures_left": 12, "models": null, "plates_age_h": 1.5,
+        let status = json!({ "captures_left": 12, "capture_bytes": 100, "models": null, "plates_age_h": 1.5,
             "cameras": { "c00": { "state": "ready" }, "c01": { "state": "away" }, "x\"y": {} } });
         let text = metrics.text(Some(&status));
         for line in [
@@ -267,11 +269,14 @@ mod tests {
         );
         assert!(metrics.open.is_empty());
         assert!(!metrics.text(None).contains("captures_left"));
+        // While no camera has told its settings, a capture has no size.
+        let unknown = json!({ "captures_left": 0, "capture_bytes": 0 });
+        assert!(!metrics.text(Some(&unknown)).contains("captures_left"));
     }
 
     #[test]
     fn the_board_asks_for_metrics_that_there_are() {
-        let status = json!({ "captures_left": 1, "models": { "waiting": 2 }, "waiting": 0, "plates_age_h": 1.0,
+        let status = json!({ "captures_left": 1, "capture_bytes": 100, "models": { "waiting": 2 }, "waiting": 0, "plates_age_h": 1.0,
             "cameras": { "c00": { "state": "ready" } } });
         let text = Metrics::default().text(Some(&status));
         let board = include_str!("../../docs/grafana.json");

@@ -2,18 +2,23 @@
 //! be one of a recording or a capture, and the kernel resolves it below the folder, following no link.
 
 use super::summary::{Report, Summary};
-use rustix::fs::{Mode, OFlags, ResolveFlags, openat2};
+use parking_lot::Mutex;
+use rustix::fs::{AtFlags, Dir, FileType, Mode, OFlags, ResolveFlags, openat2, statat};
 use serde::Serialize;
 use std::collections::BTreeMap;
 use std::fs::File;
 use std::io::Read;
+use std::os::unix::fs::MetadataExt;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 use std::time::UNIX_EPOCH;
 
 /// Recordings that are listed, the newest ones; and captures of each.
 const MOST: usize = 1000;
 /// Largest report that is read, in bytes.
 const LARGEST_REPORT: u64 = 2 << 20;
+/// Bytes of what was read from reports that are kept.
+const MOST_KEPT: usize = 32 << 20;
 
 /// A file of a model.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -64,6 +69,40 @@ pub(super) struct RecordingFolder {
     pub(super) changed_s: u64,
 }
 
+/// The newest of what a folder has, and how many there are of it.
+#[derive(Clone, Debug)]
+pub(super) struct Listing<T> {
+    pub(super) newest: Vec<T>,
+    pub(super) all: usize,
+}
+
+/// What tells one state of a file from another: when it was changed (seconds and nanoseconds), its size and its inode.
+type FileState = (i64, i64, u64, u64);
+
+/// What was read from reports, by recording and capture: a page that shows a recording asks for all of its captures at
+/// each event.
+#[derive(Debug, Default)]
+struct ReadReports {
+    summaries: BTreeMap<[String; 2], (FileState, Summary)>,
+    bytes: usize,
+}
+
+impl ReadReports {
+    fn get(&self, names: &[String; 2], state: FileState) -> Option<Summary> {
+        let (known, summary) = self.summaries.get(names)?;
+        (*known == state).then(|| summary.clone())
+    }
+
+    fn keep(&mut self, names: [String; 2], state: FileState, summary: Summary) {
+        let bytes = serde_json::to_vec(&summary).map_or(0, |text| text.len());
+        if self.bytes + bytes > MOST_KEPT {
+            *self = Self::default();
+        }
+        self.bytes += bytes;
+        self.summaries.insert(names, (state, summary));
+    }
+}
+
 /// Whether this can be the name of a recording or of a capture: letters, digits, `.`, `_` and `-`, no dot in front.
 pub(super) fn is_name(name: &str) -> bool {
     let is_fine = |b: u8| b.is_ascii_alphanumeric() || b"._-".contains(&b);
@@ -74,37 +113,47 @@ pub(super) fn is_name(name: &str) -> bool {
 #[derive(Clone, Debug)]
 pub(super) struct Models {
     folder: PathBuf,
+    read: Arc<Mutex<ReadReports>>,
 }
 
 impl Models {
     pub(super) fn new(folder: &Path) -> Self {
         Self {
             folder: folder.into(),
+            read: Arc::default(),
         }
     }
 
     /// The recordings that have models, the newest first.
-    pub(super) fn recordings(&self) -> Vec<RecordingFolder> {
-        let mut found: Vec<_> = folders(&self.folder)
+    pub(super) fn recordings(&self) -> Listing<RecordingFolder> {
+        let found = File::open(&self.folder).map(|folder| folders(&folder));
+        let found = found.unwrap_or_default().into_iter();
+        let mut newest: Vec<_> = found
             .map(|(name, changed_s)| RecordingFolder { name, changed_s })
             .collect();
-        found.sort_by(|a, b| (b.changed_s, &b.name).cmp(&(a.changed_s, &a.name)));
-        found.truncate(MOST);
-        found
+        newest.sort_by(|a, b| (b.changed_s, &b.name).cmp(&(a.changed_s, &a.name)));
+        let all = newest.len();
+        newest.truncate(MOST);
+        Listing { newest, all }
     }
 
     /// The captures of a recording, the newest first; `None` if no recording has this name.
-    pub(super) fn captures(&self, recording: &str) -> Option<Vec<Summary>> {
-        if !is_name(recording) {
-            return None;
-        }
-        let mut names: Vec<_> = folders(&self.folder.join(recording))
-            .map(|(name, _)| name)
-            .collect();
+    pub(super) fn captures(&self, recording: &str) -> Option<Listing<Summary>> {
+        let found = folders(&self.open_recording(recording)?).into_iter();
+        let mut names: Vec<_> = found.map(|(name, _)| name).collect();
         names.sort_by(|a, b| b.cmp(a));
+        let all = names.len();
         names.truncate(MOST);
-        let summaries = names.iter().map(|name| self.summary(recording, name));
-        Some(summaries.collect())
+        let newest = names.iter().map(|name| self.summary(recording, name));
+        Some(Listing {
+            newest: newest.collect(),
+            all,
+        })
+    }
+
+    /// Whether there is a report of a capture, so that the list of its recording has it.
+    pub(super) fn has_report(&self, recording: &str, capture: &str) -> bool {
+        self.open(recording, capture, ModelFile::Report).is_some()
     }
 
     /// How sharp each camera's picture was in the newest capture with a green model, in percent; empty if none is among
@@ -112,8 +161,9 @@ impl Models {
     pub(super) fn good_sharpness(&self) -> BTreeMap<String, u32> {
         const RECORDINGS: usize = 3;
         const CAPTURES: usize = 50;
-        for recording in self.recordings().into_iter().take(RECORDINGS) {
-            let mut names: Vec<_> = folders(&self.folder.join(&recording.name)).collect();
+        for recording in self.recordings().newest.into_iter().take(RECORDINGS) {
+            let folder = self.open_recording(&recording.name);
+            let mut names = folder.map(|folder| folders(&folder)).unwrap_or_default();
             names.sort_by(|a, b| (b.1, &b.0).cmp(&(a.1, &a.0)));
             for (name, _) in names.into_iter().take(CAPTURES) {
                 // An object's model has cameras of several captures.
@@ -130,29 +180,53 @@ impl Models {
     }
 
     fn summary(&self, recording: &str, capture: &str) -> Summary {
-        let has = |file| self.open(recording, capture, file).is_some();
+        let model = self.open(recording, capture, ModelFile::Glb);
+        let preview = self.open(recording, capture, ModelFile::Preview);
+        Summary {
+            has_preview: preview.is_some(),
+            has_model: model.is_some(),
+            model_tag: model.map(|(_, _, tag)| tag),
+            ..self.reported(recording, capture)
+        }
+    }
+
+    /// What a capture's report says; it is read once, as long as it does not change.
+    fn reported(&self, recording: &str, capture: &str) -> Summary {
         let mut summary = Summary {
             capture: capture.into(),
             recording: recording.into(),
             verdict: "unread".into(),
-            has_preview: has(ModelFile::Preview),
-            has_model: has(ModelFile::Glb),
             ..Summary::default()
         };
-        if let Some(report) = self.report(recording, capture) {
+        let opened = self.open(recording, capture, ModelFile::Report);
+        let Some((file, size, _)) = opened else {
+            return summary;
+        };
+        let Ok(found) = file.metadata() else {
+            return summary;
+        };
+        let state = (found.mtime(), found.mtime_nsec(), size, found.ino());
+        let names = [recording, capture].map(str::to_owned);
+        if let Some(known) = self.read.lock().get(&names, state) {
+            return known;
+        }
+        if let Some(report) = read_report(file, size) {
             summary.add(report);
         }
+        self.read.lock().keep(names, state, summary.clone());
         summary
     }
 
     fn report(&self, recording: &str, capture: &str) -> Option<Report> {
         let (file, size, _) = self.open(recording, capture, ModelFile::Report)?;
-        if size > LARGEST_REPORT {
-            return None;
-        }
-        let mut text = Vec::new();
-        file.take(LARGEST_REPORT).read_to_end(&mut text).ok()?;
-        serde_json::from_slice(&text).ok()
+        read_report(file, size)
+    }
+
+    /// The folder of a recording's models, if it is one and no link.
+    fn open_recording(&self, recording: &str) -> Option<File> {
+        is_name(recording)
+            .then(|| self.open_below(recording, OFlags::DIRECTORY))
+            .flatten()
     }
 
     /// A file of a model, its size in bytes, and a tag that changes with it.
@@ -165,31 +239,47 @@ impl Models {
         if !is_name(recording) || !is_name(capture) {
             return None;
         }
-        let folder = File::open(&self.folder).ok()?;
         let path = format!("{recording}/{capture}/{}", file.name());
-        let within =
-            ResolveFlags::BENEATH | ResolveFlags::NO_SYMLINKS | ResolveFlags::NO_MAGICLINKS;
         // A pipe in the place of a file keeps nobody waiting.
-        let flags = OFlags::RDONLY | OFlags::CLOEXEC | OFlags::NONBLOCK;
-        let opened = openat2(&folder, path, flags, Mode::empty(), within).ok()?;
-        let opened = File::from(opened);
+        let opened = self.open_below(&path, OFlags::NONBLOCK)?;
         let found = opened.metadata().ok()?;
         let changed = found.modified().ok()?.duration_since(UNIX_EPOCH).ok()?;
         let tag = format!("\"{:x}-{:x}\"", changed.as_nanos(), found.len());
         found.is_file().then_some((opened, found.len(), tag))
     }
+
+    /// Opens for reading what lies below the folder of models, through no link.
+    fn open_below(&self, path: &str, flags: OFlags) -> Option<File> {
+        let folder = File::open(&self.folder).ok()?;
+        let within =
+            ResolveFlags::BENEATH | ResolveFlags::NO_SYMLINKS | ResolveFlags::NO_MAGICLINKS;
+        let flags = OFlags::RDONLY | OFlags::CLOEXEC | flags;
+        let opened = openat2(&folder, path, flags, Mode::empty(), within);
+        opened.ok().map(File::from)
+    }
 }
 
-/// The folders in a folder, by name, and when they changed.
-fn folders(folder: &Path) -> impl Iterator<Item = (String, u64)> {
-    let entries = std::fs::read_dir(folder).into_iter().flatten().flatten();
-    entries.take(100 * MOST).filter_map(|entry| {
-        let name = entry.file_name().into_string().ok()?;
-        // Not of what a link leads to.
-        let found = entry.metadata().ok()?;
-        let changed = found.modified().ok()?.duration_since(UNIX_EPOCH).ok()?;
-        (found.is_dir() && is_name(&name)).then_some((name, changed.as_secs()))
-    })
+/// What an open report says, if it is one and not too large.
+fn read_report(file: File, size: u64) -> Option<Report> {
+    if size > LARGEST_REPORT {
+        return None;
+    }
+    let mut text = Vec::new();
+    file.take(LARGEST_REPORT).read_to_end(&mut text).ok()?;
+    serde_json::from_slice(&text).ok()
+}
+
+/// The folders in an open folder, by name, and when they changed, in seconds since 1970; not what a link leads to.
+fn folders(folder: &File) -> Vec<(String, u64)> {
+    let entries = Dir::read_from(folder).into_iter().flatten().flatten();
+    let entries = entries.take(100 * MOST).filter_map(|entry| {
+        let name = entry.file_name().to_str().ok()?;
+        let found = statat(folder, entry.file_name(), AtFlags::SYMLINK_NOFOLLOW).ok()?;
+        let is_folder = FileType::from_raw_mode(found.st_mode) == FileType::Directory;
+        let changed_s = u64::try_from(found.st_mtime).ok()?;
+        (is_folder && is_name(name)).then(|| (name.to_owned(), changed_s))
+    });
+    entries.collect()
 }
 
 #[cfg(test)]
@@ -210,6 +300,11 @@ mod tests {
         std::fs::write(root.path().join("secret"), "secret").unwrap();
         let models = Models::new(&root.path().join("models"));
         (root, models)
+    }
+
+    /// The newest capture of the recording that is there.
+    fn first(models: &Models) -> Summary {
+        models.captures("amphora").unwrap().newest.remove(0)
     }
 
     #[test]
@@ -238,8 +333,8 @@ mod tests {
     #[test]
     fn a_report_is_summed_up() {
         let (_root, models) = models();
-        assert_eq!(models.recordings()[0].name, "amphora");
-        let found = &models.captures("amphora").unwrap()[0];
+        assert_eq!(models.recordings().newest[0].name, "amphora");
+        let found = &models.captures("amphora").unwrap().newest[0];
         assert_eq!(
             (found.verdict.as_str(), found.time_s),
             ("amber", Some(1_767_225_605))
@@ -249,6 +344,74 @@ mod tests {
         assert_eq!(found.decision.as_deref(), Some("rejected"));
         assert_eq!(found.notes[0].text, "a hand");
         assert!(found.has_model && !found.has_preview);
+        assert!(models.has_report("amphora", "amphora-0001"));
+        assert!(!models.has_report("amphora", "amphora-0002"));
+    }
+
+    #[test]
+    fn a_recording_that_is_not_there_has_no_list_and_one_behind_a_link_has_none() {
+        let (root, models) = models();
+        assert!(models.captures("bowl").is_none());
+        std::fs::create_dir(root.path().join("models/bowl")).unwrap();
+        assert!(models.captures("bowl").unwrap().newest.is_empty());
+        let elsewhere = root.path().join("elsewhere/secret-0001");
+        std::fs::create_dir_all(&elsewhere).unwrap();
+        let link = root.path().join("models/jug");
+        std::os::unix::fs::symlink(elsewhere.parent().unwrap(), link).unwrap();
+        assert!(models.captures("jug").is_none());
+    }
+
+    #[test]
+    fn a_list_that_is_cut_says_how_many_there_are() {
+        let (root, models) = models();
+        for n in 0..=MOST {
+            let folder = root.path().join(format!("models/many/a-{n:04}"));
+            std::fs::create_dir_all(folder).unwrap();
+        }
+        let found = models.captures("many").unwrap();
+        assert_eq!((found.newest.len(), found.all), (MOST, MOST + 1));
+        assert_eq!(found.newest[0].capture, format!("a-{MOST:04}"));
+    }
+
+    #[test]
+    fn a_report_is_read_again_when_it_was_replaced_and_a_model_has_another_tag_then() {
+        let (root, models) = models();
+        let folder = root.path().join("models/amphora/amphora-0001");
+        let before = first(&models);
+        assert_eq!(before.verdict, "amber");
+        // As the daemon replaces it: the same size and time, another file.
+        let report = folder.join("report.json");
+        let time = report.metadata().unwrap().modified().unwrap();
+        let text = std::fs::read_to_string(&report).unwrap();
+        let replace = |text: &str| {
+            let new = folder.join("new");
+            std::fs::write(&new, text).unwrap();
+            let file = File::options().write(true).open(&new).unwrap();
+            file.set_modified(time).unwrap();
+            std::fs::rename(&new, &report).unwrap();
+        };
+        replace(&text.replace("\"amber\"", "\"green\""));
+        assert_eq!(first(&models).verdict, "green");
+        assert_eq!(first(&models).model_tag, before.model_tag);
+        std::fs::write(folder.join("model.glb"), "glTF, again").unwrap();
+        assert_ne!(first(&models).model_tag, before.model_tag);
+    }
+
+    #[test]
+    fn what_is_kept_of_reports_is_bounded() {
+        let mut kept = ReadReports::default();
+        let state = (0, 0, 0, 0);
+        let summary = Summary {
+            subject: Some("x".repeat(MOST_KEPT / 4)),
+            ..Summary::default()
+        };
+        for n in 0..10 {
+            let names = ["a".to_owned(), n.to_string()];
+            kept.keep(names.clone(), state, summary.clone());
+            assert!(kept.get(&names, state).is_some());
+            assert!(kept.get(&names, (1, 0, 0, 0)).is_none());
+            assert!(kept.summaries.len() <= 4 && kept.bytes <= MOST_KEPT);
+        }
     }
 
     #[test]
@@ -262,18 +425,14 @@ mod tests {
             r#"{"verdict":{"level":"<script>","reasons":[]}}"#,
         ] {
             std::fs::write(&path, text).unwrap();
-            assert_eq!(
-                models.captures("amphora").unwrap()[0].verdict,
-                "unread",
-                "{text}"
-            );
+            assert_eq!(first(&models).verdict, "unread", "{text}");
         }
         let huge = format!("{{\"reason\":\"{}\"}}", "x".repeat(3 << 20));
         std::fs::write(&path, huge).unwrap();
-        assert_eq!(models.captures("amphora").unwrap()[0].verdict, "unread");
+        assert_eq!(first(&models).verdict, "unread");
         let long = format!("{{\"reason\":\"{}\"}}", "ä".repeat(10_000));
         std::fs::write(&path, long).unwrap();
-        let found = models.captures("amphora").unwrap().remove(0);
+        let found = first(&models);
         assert_eq!(
             (
                 found.verdict.as_str(),
@@ -320,7 +479,8 @@ mod tests {
                 .open("link", "amphora-0001", ModelFile::Glb)
                 .is_none()
         );
-        assert_eq!(models.recordings().len(), 1);
+        assert_eq!(models.recordings().all, 1);
+        assert!(models.captures("link").is_none());
         std::fs::create_dir(capture.join("preview.png")).unwrap();
         assert!(
             models

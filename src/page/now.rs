@@ -10,6 +10,8 @@ use std::time::{Duration, Instant};
 
 /// A status that is older says nothing of now.
 const FRESH: Duration = Duration::from_secs(5);
+/// How long a failure stays, whatever becomes known of earlier captures.
+const FAILURE: Duration = Duration::from_secs(6);
 /// Captures that are remembered; those with models are found in the folder of models anyway.
 const MOST_CAPTURES: usize = 200;
 
@@ -23,6 +25,8 @@ pub(super) enum Sign {
     NotReady,
     /// No further capture fits on the disk.
     DiskFull,
+    /// The daemon carries out an order, such as background pictures: a press would not be taken now.
+    Busy,
     /// The next press is taken, without cameras that are away, as the configuration allows.
     ReadyWithout,
     /// The next press is taken.
@@ -41,6 +45,10 @@ pub(super) enum Sign {
     Failed,
     /// The capture is on the disk, and its model could not be made.
     ModelFailed,
+    /// Of an entry alone: this attempt failed, and another one took its place.
+    Retried,
+    /// Of an entry alone: the connection was lost before the capture's outcome was told.
+    OutcomeUnknown,
 }
 
 impl Sign {
@@ -48,10 +56,15 @@ impl Sign {
     fn stays(self) -> Duration {
         Duration::from_secs(match self {
             Self::Safe => 6,
-            Self::Green | Self::Amber | Self::Red => 30,
+            Self::Green | Self::Amber | Self::Red | Self::ModelFailed => 30,
             // Longer than any capture: whatever became of it, this is not so any more.
             _ => 120,
         })
+    }
+
+    /// Whether its capture is being taken, or is not on the disk yet.
+    fn is_in_progress(self) -> bool {
+        matches!(self, Self::Capturing | Self::HandsMayMove)
     }
 
     fn of_level(level: Level) -> Self {
@@ -70,6 +83,25 @@ struct Shown {
     capture: String,
     reasons: Vec<String>,
     since: Instant,
+    /// When its capture began, or its press was refused; `None` of a capture of which the beginning was not heard.
+    pressed: Option<Instant>,
+}
+
+impl Shown {
+    /// Whether it is still so at that time.
+    fn lasts(&self, at: Instant) -> bool {
+        at.saturating_duration_since(self.since) < self.sign.stays()
+    }
+
+    /// Whether it stays although another sign became known: that one is of an earlier press, and a capture is in
+    /// progress, or a press failed a moment ago, to which "Safe on disk" would look like an answer.
+    fn stays_before(&self, other: &Self) -> bool {
+        let age = other.since.saturating_duration_since(self.since);
+        let has_just_failed = self.sign == Sign::Failed && age < FAILURE;
+        let is_urgent = (self.sign.is_in_progress() && self.lasts(other.since))
+            || (has_just_failed && other.sign != Sign::Failed);
+        is_urgent && self.capture != other.capture && other.pressed < self.pressed
+    }
 }
 
 /// A capture, as far as events described it.
@@ -92,6 +124,8 @@ pub(super) struct Now {
     listening: bool,
     status: Option<(Instant, Value)>,
     shown: Option<Shown>,
+    /// A failure of an earlier capture that became known while another one was in progress; it is shown after that.
+    held_back: Option<Shown>,
     captures: VecDeque<CaptureEntry>,
     objects: Objects,
     /// Grows with each change of what the history shows.
@@ -103,9 +137,20 @@ impl Now {
     pub(super) fn set_listening(&mut self, listening: bool) {
         self.history += u64::from(self.listening != listening);
         self.listening = listening;
-        let in_progress = |s: &Shown| matches!(s.sign, Sign::Capturing | Sign::HandsMayMove);
-        if !listening && self.shown.as_ref().is_some_and(in_progress) {
-            self.shown = None;
+        if listening {
+            return;
+        }
+        if self
+            .shown
+            .as_ref()
+            .is_some_and(|shown| shown.sign.is_in_progress())
+        {
+            self.shown = self.held_back.take();
+        }
+        for seen in &mut self.captures {
+            if seen.sign.is_in_progress() {
+                seen.sign = Sign::OutcomeUnknown;
+            }
         }
     }
 
@@ -135,8 +180,11 @@ impl Now {
                 self.show(capture, Sign::Capturing, &[], at);
             }
             Event::Captured { capture, .. } => self.show(capture, Sign::HandsMayMove, &[], at),
+            // The next attempt has an id of its own.
             Event::Retried { capture, reason } => {
-                self.show(capture, Sign::Capturing, std::slice::from_ref(reason), at);
+                let reasons = std::slice::from_ref(reason);
+                self.enter(capture, Sign::Retried, reasons, at);
+                self.show_sign(capture, Sign::Capturing, reasons, at);
             }
             Event::Durable { capture, recording } => {
                 self.place(capture, recording);
@@ -210,29 +258,49 @@ impl Now {
         }
     }
 
+    /// Shows what became of a capture, in its entry and, unless something is more urgent, as the sign.
     fn show(&mut self, capture: &str, sign: Sign, reasons: &[String], at: Instant) {
+        self.enter(capture, sign, reasons, at);
+        self.show_sign(capture, sign, reasons, at);
+    }
+
+    fn enter(&mut self, capture: &str, sign: Sign, reasons: &[String], at: Instant) {
         let mut captures = self.captures.iter_mut().rev();
         if let Some(seen) = captures.find(|seen| seen.capture == capture) {
             (seen.sign, seen.changed) = (sign, at);
             seen.reasons = reasons.to_vec();
         }
-        // A capture in progress is more urgent than an earlier one's model.
-        let is_urgent = |shown: &Shown| {
-            matches!(shown.sign, Sign::Capturing | Sign::HandsMayMove) && shown.capture != capture
-        };
-        let is_of_a_model = matches!(
-            sign,
-            Sign::Green | Sign::Amber | Sign::Red | Sign::ModelFailed
-        );
-        if is_of_a_model && self.shown.as_ref().is_some_and(is_urgent) {
-            return;
-        }
-        self.shown = Some(Shown {
+    }
+
+    fn show_sign(&mut self, capture: &str, sign: Sign, reasons: &[String], at: Instant) {
+        let new = Shown {
             sign,
             capture: capture.into(),
             reasons: reasons.to_vec(),
             since: at,
-        });
+            pressed: self.pressed(capture, at),
+        };
+        let is_urgent = |shown: &Shown| shown.stays_before(&new);
+        if self.shown.as_ref().is_some_and(is_urgent) {
+            if sign == Sign::Failed {
+                self.held_back = Some(new);
+            }
+            return;
+        }
+        let has_ended = !sign.is_in_progress() && sign != Sign::Failed;
+        let held_back = self.held_back.take_if(|_| has_ended);
+        let held_back = held_back.filter(|failed| failed.lasts(at));
+        self.shown = Some(held_back.unwrap_or(new));
+    }
+
+    /// When the press of a capture was heard of. A refusal has no capture, and is news of the last press.
+    fn pressed(&self, capture: &str, at: Instant) -> Option<Instant> {
+        if capture.is_empty() {
+            return Some(at);
+        }
+        let mut captures = self.captures.iter().rev();
+        let seen = captures.find(|seen| seen.capture == capture);
+        seen.map(|seen| seen.begun)
     }
 
     /// Whether the daemon answered a moment ago, and events arrive.
@@ -245,25 +313,44 @@ impl Now {
         let Some((status, _)) = self.status(at) else {
             return (Sign::Away, String::new(), Vec::new(), None);
         };
-        if let Some(shown) = &self.shown {
+        let (rest, reasons) = self.at_rest(status);
+        // Where no press can succeed, "press again" would be wrong.
+        let is_in_vain = matches!(rest, Sign::NotReady | Sign::DiskFull | Sign::Busy);
+        let is_true =
+            |shown: &&Shown| shown.lasts(at) && !(shown.sign == Sign::Failed && is_in_vain);
+        if let Some(shown) = self.shown.as_ref().filter(is_true) {
             let age = at.saturating_duration_since(shown.since);
-            if age < shown.sign.stays() {
-                let capture = shown.capture.clone();
-                return (shown.sign, capture, shown.reasons.clone(), Some(age));
-            }
+            let capture = shown.capture.clone();
+            return (shown.sign, capture, shown.reasons.clone(), Some(age));
         }
+        (rest, String::new(), reasons, None)
+    }
+
+    /// The sign while nothing happens, and the cameras that are missing.
+    fn at_rest(&self, status: &Value) -> (Sign, Vec<String>) {
         let missing = missing(status);
         let is_enough = status["ready"] == true && status["goes_on_without_missing"] == true;
         if status["ready"] == false || (!missing.is_empty() && !is_enough) {
-            return (Sign::NotReady, String::new(), missing, None);
+            return (Sign::NotReady, missing);
         }
         if captures_left(status) == 0 {
-            return (Sign::DiskFull, String::new(), Vec::new(), None);
+            return (Sign::DiskFull, Vec::new());
+        }
+        if self.is_busy(status) {
+            return (Sign::Busy, Vec::new());
         }
         if !missing.is_empty() {
-            return (Sign::ReadyWithout, String::new(), missing, None);
+            return (Sign::ReadyWithout, missing);
         }
-        (Sign::Ready, String::new(), Vec::new(), None)
+        (Sign::Ready, Vec::new())
+    }
+
+    /// Whether the daemon is carrying out an order. A status from before the last event may speak of the capture that
+    /// ended with that event.
+    fn is_busy(&self, status: &Value) -> bool {
+        let told = self.status.as_ref().map(|(since, _)| *since);
+        let last = self.shown.as_ref().map(|shown| shown.since);
+        status["busy"] == true && told > last
     }
 
     /// What holds at a time, for browsers: every age in milliseconds.
@@ -286,8 +373,8 @@ impl Now {
     }
 }
 
-/// How many captures fit on the disk; null while no camera has told its settings, for then a capture has no size.
-fn captures_left(status: &Value) -> Value {
+/// How many captures fit on the disk, by the daemon's status; null while no camera has told its settings, for then a capture has no size.
+pub(super) fn captures_left(status: &Value) -> Value {
     let is_known = status["capture_bytes"].as_u64() > Some(0);
     is_known.then(|| status["captures_left"].clone()).into()
 }

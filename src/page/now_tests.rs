@@ -136,3 +136,94 @@ fn a_full_disk_is_said_and_memory_is_bounded() {
     }
     assert_eq!(now.captures().count(), MOST_CAPTURES);
 }
+
+#[test]
+fn what_becomes_known_of_an_earlier_capture_does_not_hide_the_one_that_is_exposing() {
+    let begin = Instant::now();
+    let mut now = ready(begin);
+    let mut at = begin;
+    let mut after = |now: &mut Now, line: &str| {
+        at += Duration::from_millis(100);
+        heard(now, line, at);
+        (now.sign(at).0, now.sign(at).1)
+    };
+    after(&mut now, r#"{"type":"accepted","capture":"a-0001"}"#);
+    after(
+        &mut now,
+        r#"{"type":"captured","capture":"a-0001","skew_ns":1}"#,
+    );
+    after(&mut now, r#"{"type":"accepted","capture":"a-0002"}"#);
+    let durable = r#"{"type":"durable","capture":"a-0001","recording":"/r/a.mcap"}"#;
+    let of_second = |sign| (sign, "a-0002".to_owned());
+    assert_eq!(after(&mut now, durable), of_second(Sign::Capturing));
+    assert_eq!(now.captures().next().unwrap().sign, Sign::Safe);
+    // A failure is shown when the capture in progress has ended.
+    let failed = r#"{"type":"failed","capture":"a-0001","reason":"the disk"}"#;
+    assert_eq!(after(&mut now, failed), of_second(Sign::Capturing));
+    let captured = r#"{"type":"captured","capture":"a-0002","skew_ns":1}"#;
+    assert_eq!(after(&mut now, captured), of_second(Sign::HandsMayMove));
+    let durable = r#"{"type":"durable","capture":"a-0002","recording":"/r/a.mcap"}"#;
+    let of_first = |sign| (sign, "a-0001".to_owned());
+    assert_eq!(after(&mut now, durable), of_first(Sign::Failed));
+    let done = r#"{"type":"done","capture":"a-0002","verdict":"green","model":"/m/a/a-0002"}"#;
+    assert_eq!(after(&mut now, done), of_second(Sign::Green));
+}
+
+#[test]
+fn an_earlier_capture_does_not_answer_a_press_that_was_refused() {
+    let begin = Instant::now();
+    let mut now = ready(begin);
+    heard(&mut now, r#"{"type":"accepted","capture":"a-0001"}"#, begin);
+    let at = begin + Duration::from_millis(100);
+    heard(&mut now, r#"{"type":"refused","reason":"full"}"#, at);
+    let durable = r#"{"type":"durable","capture":"a-0001","recording":"/r/a.mcap"}"#;
+    heard(&mut now, durable, at + Duration::from_millis(100));
+    assert_eq!(now.sign(at + Duration::from_millis(100)).0, Sign::Failed);
+}
+
+#[test]
+fn nobody_is_told_to_press_again_where_no_press_can_succeed() {
+    let at = Instant::now();
+    let mut now = ready(at);
+    heard(&mut now, r#"{"type":"accepted","capture":"a-0001"}"#, at);
+    let failed = r#"{"type":"failed","capture":"a-0001","reason":"c00 sent nothing"}"#;
+    heard(&mut now, failed, at);
+    assert_eq!(now.sign(at).0, Sign::Failed);
+    now.set_status(Some(status("away")), at);
+    assert_eq!(now.sign(at).0, Sign::NotReady);
+    let mut full = status("ready");
+    full["captures_left"] = 0.into();
+    now.set_status(Some(full), at);
+    assert_eq!(now.sign(at).0, Sign::DiskFull);
+    assert_eq!(now.snapshot(at)["last"]["reasons"][0], "c00 sent nothing");
+}
+
+#[test]
+fn while_the_daemon_carries_out_an_order_it_is_not_ready() {
+    let begin = Instant::now();
+    let mut now = ready(begin);
+    let mut busy = status("ready");
+    busy["busy"] = true.into();
+    now.set_status(Some(busy), begin);
+    assert_eq!(now.sign(begin).0, Sign::Busy);
+    // What was told before a capture ended says nothing of the time after it.
+    let at = begin + Duration::from_millis(100);
+    heard(&mut now, r#"{"type":"refused","reason":"full"}"#, at);
+    assert_eq!(now.sign(at).0, Sign::Failed);
+}
+
+#[test]
+fn an_attempt_that_was_taken_once_more_and_one_whose_end_was_not_heard_are_not_in_progress() {
+    let at = Instant::now();
+    let mut now = ready(at);
+    heard(&mut now, r#"{"type":"accepted","capture":"a-0001"}"#, at);
+    let retried = r#"{"type":"retried","capture":"a-0001","reason":"c00 lost data"}"#;
+    heard(&mut now, retried, at);
+    assert_eq!(now.sign(at).0, Sign::Capturing);
+    heard(&mut now, r#"{"type":"accepted","capture":"a-0002"}"#, at);
+    let signs = |now: &Now| now.captures().map(|seen| seen.sign).collect::<Vec<_>>();
+    assert_eq!(signs(&now), [Sign::Retried, Sign::Capturing]);
+    assert_eq!(now.captures().next().unwrap().reasons, ["c00 lost data"]);
+    now.set_listening(false);
+    assert_eq!(signs(&now), [Sign::Retried, Sign::OutcomeUnknown]);
+}

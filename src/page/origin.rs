@@ -49,18 +49,62 @@ fn parse(text: &str) -> Result<Origin, String> {
     if authority.is_empty() || !authority.chars().all(is_fine) {
         return Err(wrong());
     }
-    let host = match authority.rsplit_once(':') {
-        Some((host, port)) if port.bytes().all(|b| b.is_ascii_digit()) => host,
-        _ => authority,
+    // Browsers leave the scheme's own port out.
+    let default = if tls { "443" } else { "80" };
+    let (host, authority) = match authority.rsplit_once(':') {
+        Some((host, port)) if port == default => (host, host),
+        Some((host, port)) if !port.is_empty() && port.bytes().all(|b| b.is_ascii_digit()) => {
+            (host, authority)
+        }
+        Some((_, "")) => return Err(wrong()),
+        _ => (authority, authority),
     };
+    if host.is_empty() {
+        return Err(wrong());
+    }
     if !tls && !["localhost", "127.0.0.1", "[::1]"].contains(&host) {
         return Err(format!(
             "{text:?} has no TLS: expected https, or http with localhost, 127.0.0.1 or [::1]"
         ));
     }
     Ok(Origin {
-        text: text.to_ascii_lowercase(),
+        text: format!("{scheme}://{authority}").to_ascii_lowercase(),
         authority: authority.to_ascii_lowercase(),
         tls,
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_port_of_the_scheme_is_left_out_as_browsers_leave_it_out() {
+        for (given, text, authority) in [
+            (
+                "https://Rig.example:443",
+                "https://rig.example",
+                "rig.example",
+            ),
+            ("http://localhost:80", "http://localhost", "localhost"),
+            ("https://[fe80::1]:443", "https://[fe80::1]", "[fe80::1]"),
+            (
+                "https://rig.example:80",
+                "https://rig.example:80",
+                "rig.example:80",
+            ),
+            ("http://[::1]", "http://[::1]", "[::1]"),
+        ] {
+            let origin = parse(given).unwrap();
+            let found = (origin.text.as_str(), origin.authority.as_str());
+            assert_eq!(found, (text, authority), "{given}");
+        }
+        for refused in [
+            "https://rig.example:",
+            "https://:443",
+            "http://rig.example:80",
+        ] {
+            parse(refused).unwrap_err();
+        }
+    }
 }

@@ -3,7 +3,7 @@
 
 use super::control;
 use super::daemon::Daemon;
-use super::http::{App, router};
+use super::http::{App, Client, READERS, router};
 use super::models::Models;
 use super::parameters::{self, Parameters};
 use super::sessions::{self, Sessions};
@@ -12,8 +12,12 @@ use super::views::{View, Views};
 use super::watch::Watch;
 use crate::log;
 use axum::Router;
+use hyper::Request;
+use hyper::body::Incoming;
+use hyper::service::{Service, service_fn};
 use hyper_util::rt::{TokioIo, TokioTimer};
 use hyper_util::service::TowerToHyperService;
+use rustix::net::sockopt;
 use std::future::Future;
 use std::path::{Path, PathBuf};
 use std::pin::Pin;
@@ -32,11 +36,12 @@ const CONNECTIONS: usize = 256;
 pub(super) const HEADERS: Duration = Duration::from_secs(5);
 /// How long the other side may refuse to read.
 const STALL: Duration = Duration::from_secs(20);
+/// How long, in milliseconds, the other side may acknowledge nothing of what was sent: a tablet that left the network
+/// without a word does not keep its streams open.
+const UNACKNOWLEDGED_MS: u32 = 20_000;
 /// Most headers of a request, and bytes that are read ahead.
 const MOST_HEADERS: usize = 64;
 const BUFFER: usize = 16 << 10;
-/// Threads that read files.
-const READERS: usize = 16;
 
 /// Why the page cannot be served.
 #[derive(Debug, thiserror::Error)]
@@ -188,7 +193,7 @@ pub(super) async fn accept(
 ) {
     let slots = Arc::new(Semaphore::new(CONNECTIONS));
     loop {
-        let Ok((stream, _)) = listener.accept().await else {
+        let Ok((stream, address)) = listener.accept().await else {
             // No file descriptors are left, for example.
             tokio::time::sleep(Duration::from_millis(50)).await;
             continue;
@@ -199,14 +204,15 @@ pub(super) async fn accept(
         let router = router.clone();
         let acceptor = tls.as_ref().map(|tls| tls.acceptor());
         let stream = StallGuard::new(stream);
+        let client = Client(address.ip());
         tokio::spawn(async move {
             match acceptor {
-                None => serve_one(stream, router, patience).await,
+                None => serve_one(stream, client, router, patience).await,
                 Some(acceptor) => {
                     // One that greets too slowly, or not at all, is left as one with slow headers is.
                     let greeted = tokio::time::timeout(patience, acceptor.accept(stream)).await;
                     if let Ok(Ok(stream)) = greeted {
-                        serve_one(stream, router, patience).await;
+                        serve_one(stream, client, router, patience).await;
                     }
                 }
             }
@@ -217,15 +223,21 @@ pub(super) async fn accept(
 
 async fn serve_one(
     stream: impl AsyncRead + AsyncWrite + Unpin + Send + 'static,
+    client: Client,
     router: Router,
     patience: Duration,
 ) {
+    let routes = TowerToHyperService::new(router);
+    let service = service_fn(move |mut request: Request<Incoming>| {
+        request.extensions_mut().insert(client);
+        routes.call(request)
+    });
     let connection = hyper::server::conn::http1::Builder::new()
         .timer(TokioTimer::new())
         .header_read_timeout(patience)
         .max_headers(MOST_HEADERS)
         .max_buf_size(BUFFER)
-        .serve_connection(TokioIo::new(stream), TowerToHyperService::new(router));
+        .serve_connection(TokioIo::new(stream), service);
     // A connection that breaks, or is broken off, is its other side's affair.
     let _ = connection.await;
 }
@@ -239,6 +251,8 @@ struct StallGuard {
 impl StallGuard {
     fn new(stream: TcpStream) -> Self {
         let _ = stream.set_nodelay(true);
+        // Where it is refused, the system's own limit holds, a quarter of an hour.
+        let _ = sockopt::set_tcp_user_timeout(&stream, UNACKNOWLEDGED_MS);
         Self {
             stream,
             stalled: None,
@@ -291,5 +305,25 @@ impl AsyncWrite for StallGuard {
         context: &mut Context<'_>,
     ) -> Poll<std::io::Result<()>> {
         Pin::new(&mut self.stream).poll_shutdown(context)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_connection_whose_other_side_acknowledges_nothing_is_given_up() {
+        let runtime = tokio::runtime::Builder::new_current_thread();
+        let runtime = { runtime }.enable_all().build().unwrap();
+        runtime.block_on(async {
+            let listener = TcpListener::bind("127.0.0.1:0").await.unwrap();
+            let address = listener.local_addr().unwrap();
+            let _client = TcpStream::connect(address).await.unwrap();
+            let (stream, _) = listener.accept().await.unwrap();
+            let guard = StallGuard::new(stream);
+            let limit = sockopt::tcp_user_timeout(&guard.stream);
+            assert_eq!(limit.unwrap(), UNACKNOWLEDGED_MS);
+        });
     }
 }

@@ -5,6 +5,7 @@ use super::secrets::{Hash, new_secret};
 use crate::storage::{self, write_atomically_for_owner};
 use parking_lot::Mutex;
 use std::collections::{BTreeMap, VecDeque};
+use std::net::IpAddr;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 
@@ -14,8 +15,9 @@ const PAIRING: Duration = Duration::from_secs(600);
 const MOST_PAIRINGS: usize = 16;
 /// Sessions that may last at a time.
 const MOST_SESSIONS: usize = 200;
-/// Wrong tokens that are looked at within [`WINDOW`]; any further one is refused unseen.
+/// Wrong tokens of one client, and of all, that are looked at within [`WINDOW`]; any further one is refused unseen.
 const MOST_TRIES: usize = 20;
+const MOST_TRIES_OF_ALL: usize = 200;
 const WINDOW: Duration = Duration::from_secs(60);
 /// Largest file of sessions that is read, in bytes.
 const LARGEST_FILE: u64 = 1 << 20;
@@ -86,7 +88,8 @@ pub(super) struct Sessions {
 struct State {
     sessions: Vec<StoredSessions>,
     pairings: BTreeMap<Hash, (Role, Instant)>,
-    wrong: VecDeque<Instant>,
+    /// When a wrong token came, and from where.
+    wrong: VecDeque<(Instant, IpAddr)>,
 }
 
 /// The time as the file has it.
@@ -130,18 +133,23 @@ impl Sessions {
         Ok(token)
     }
 
-    /// Takes a token for a session: its secret, its role and how long it lasts.
-    pub(super) fn begin(&self, token: &str) -> Result<(String, Role, Duration), Error> {
+    /// Takes a client's token for a session: its secret, its role and how long it lasts.
+    pub(super) fn begin(
+        &self,
+        token: &str,
+        client: IpAddr,
+    ) -> Result<(String, Role, Duration), Error> {
         let mut state = self.state.lock();
-        while state.wrong.front().is_some_and(|at| at.elapsed() > WINDOW) {
-            state.wrong.pop_front();
-        }
-        if state.wrong.len() >= MOST_TRIES {
+        state.wrong.retain(|(at, _)| at.elapsed() <= WINDOW);
+        let own = state.wrong.iter().filter(|(_, of)| *of == client).count();
+        if own >= MOST_TRIES || state.wrong.len() >= MOST_TRIES_OF_ALL {
             return Err(Error::TooManyTries);
         }
-        let waiting = state.pairings.remove(&Hash::of(token));
+        let hash = Hash::of(token);
+        let waiting = state.pairings.get(&hash).copied();
         let Some((role, _)) = waiting.filter(|(_, made)| made.elapsed() < PAIRING) else {
-            state.wrong.push_back(Instant::now());
+            state.pairings.remove(&hash);
+            state.wrong.push_back((Instant::now(), client));
             return Err(Error::Unknown);
         };
         let lasts = if role == Role::Operator {
@@ -149,7 +157,9 @@ impl Sessions {
         } else {
             self.viewer
         };
+        // Only then is the link used up: where no session can begin, it works once that is mended.
         let secret = self.add(&mut state, role, lasts)?;
+        state.pairings.remove(&hash);
         Ok((secret, role, lasts))
     }
 
@@ -256,9 +266,11 @@ fn read(path: &Path) -> Result<Vec<StoredSessions>, Error> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use std::net::Ipv4Addr;
     use std::os::unix::fs::PermissionsExt;
 
     const HOUR: Duration = Duration::from_secs(3600);
+    const CLIENT: IpAddr = IpAddr::V4(Ipv4Addr::LOCALHOST);
 
     fn open(folder: &Path) -> Sessions {
         Sessions::open(folder, HOUR, 2 * HOUR).unwrap()
@@ -269,9 +281,12 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let sessions = open(folder.path());
         let token = sessions.pair(Role::Viewer).unwrap();
-        let (secret, role, lasts) = sessions.begin(&token).unwrap();
+        let (secret, role, lasts) = sessions.begin(&token, CLIENT).unwrap();
         assert_eq!((role, lasts), (Role::Viewer, 2 * HOUR));
-        assert!(matches!(sessions.begin(&token), Err(Error::Unknown)));
+        assert!(matches!(
+            sessions.begin(&token, CLIENT),
+            Err(Error::Unknown)
+        ));
         let again = open(folder.path());
         assert_eq!(again.role(&secret), Some(Role::Viewer));
         assert_eq!(again.role(&token), None);
@@ -287,7 +302,7 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let sessions = open(folder.path());
         let token = sessions.pair(Role::Operator).unwrap();
-        let (secret, ..) = sessions.begin(&token).unwrap();
+        let (secret, ..) = sessions.begin(&token, CLIENT).unwrap();
         let bearer = sessions.metrics().unwrap();
         let path = folder.path().join(FILE);
         let text = std::fs::read_to_string(&path).unwrap();
@@ -315,17 +330,54 @@ mod tests {
     }
 
     #[test]
+    fn a_link_that_could_begin_no_session_is_not_used_up() {
+        let folder = tempfile::tempdir().unwrap();
+        let sessions = open(folder.path());
+        let token = sessions.pair(Role::Viewer).unwrap();
+        let kept = vec![
+            StoredSessions {
+                hash: Hash::of("another"),
+                role: Role::Viewer,
+                begun_s: now_s(),
+                ends_s: now_s() + 3600,
+            };
+            MOST_SESSIONS
+        ];
+        sessions.state.lock().sessions = kept;
+        let full = sessions.begin(&token, CLIENT);
+        assert!(matches!(full, Err(Error::TooManySessions)));
+        sessions.state.lock().sessions.clear();
+        sessions.begin(&token, CLIENT).unwrap();
+        assert!(matches!(
+            sessions.begin(&token, CLIENT),
+            Err(Error::Unknown)
+        ));
+    }
+
+    #[test]
     fn guesses_are_limited_and_so_are_links() {
         let folder = tempfile::tempdir().unwrap();
         let sessions = open(folder.path());
         let token = sessions.pair(Role::Operator).unwrap();
         for n in 0..MOST_TRIES {
             assert!(matches!(
-                sessions.begin(&format!("{n}")),
+                sessions.begin(&format!("{n}"), CLIENT),
                 Err(Error::Unknown)
             ));
         }
-        assert!(matches!(sessions.begin(&token), Err(Error::TooManyTries)));
+        let own = sessions.begin(&token, CLIENT);
+        assert!(matches!(own, Err(Error::TooManyTries)));
+        // Who guesses keeps out nobody else.
+        let other = |n: u8| IpAddr::V4(Ipv4Addr::new(10, 0, 0, n));
+        sessions.begin(&token, other(0)).unwrap();
+        for n in 0..MOST_TRIES_OF_ALL - MOST_TRIES {
+            let client = other(1 + (n / MOST_TRIES) as u8);
+            let guess = sessions.begin(&format!("{n}"), client);
+            assert!(matches!(guess, Err(Error::Unknown)));
+        }
+        let all = sessions.begin("guess", other(100));
+        assert!(matches!(all, Err(Error::TooManyTries)));
+        sessions.pair(Role::Operator).unwrap();
         for _ in 1..MOST_PAIRINGS {
             sessions.pair(Role::Viewer).unwrap();
         }

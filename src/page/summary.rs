@@ -28,6 +28,8 @@ pub(super) struct Summary {
     pub(super) notes: Vec<Note>,
     pub(super) has_preview: bool,
     pub(super) has_model: bool,
+    /// Differs between one state of the model's file and another.
+    pub(super) model_tag: Option<String>,
 }
 
 #[derive(Clone, Debug, Default, Serialize, Deserialize)]
@@ -154,5 +156,34 @@ impl Summary {
 fn shorten(text: &mut String) {
     if let Some((end, _)) = text.char_indices().nth(LONGEST_TEXT) {
         text.truncate(end);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use serde_json::Value;
+
+    #[test]
+    fn the_catalogue_has_a_sentence_for_every_reason_in_each_language() {
+        let schema: Value =
+            serde_json::from_str(include_str!("../../docs/report.schema.json")).unwrap();
+        let codes = &schema["$defs"]["reason"]["properties"]["code"]["enum"];
+        let codes = codes.as_array().unwrap().iter().filter_map(Value::as_str);
+        let codes: Vec<_> = codes.chain(["failed"]).collect();
+        for (language, words) in [
+            ("en", include_str!("../../ui/src/words/en.ts")),
+            ("de", include_str!("../../ui/src/words/de.ts")),
+        ] {
+            let keys = words
+                .lines()
+                .filter_map(|line| line.trim().split_once(": \""));
+            let mut known: Vec<_> = keys
+                .filter_map(|(key, _)| key.strip_prefix("reason_"))
+                .collect();
+            let mut codes = codes.clone();
+            known.sort_unstable();
+            codes.sort_unstable();
+            assert_eq!(known, codes, "{language}");
+        }
     }
 }

@@ -167,7 +167,8 @@ impl Page {
 
     pub(super) fn session(&self, role: Role) -> String {
         let token = self.app.sessions.pair(role).unwrap();
-        self.app.sessions.begin(&token).unwrap().0
+        let client = self.address.ip();
+        self.app.sessions.begin(&token, client).unwrap().0
     }
 
     pub(super) fn connect(&self) -> TcpStream {

@@ -7,7 +7,7 @@ use parking_lot::Mutex;
 use std::os::unix::fs::MetadataExt;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
-use std::time::{Duration, SystemTime};
+use std::time::Duration;
 use tokio_rustls::TlsAcceptor;
 use tokio_rustls::rustls::ServerConfig;
 use tokio_rustls::rustls::crypto::ring;
@@ -27,6 +27,16 @@ pub struct TlsParameters {
     pub certificate: PathBuf,
     /// Its private key in PEM, which others than its owner and group cannot read.
     pub key: PathBuf,
+}
+
+/// What tells one state of a file from another, also where it was put in another's place with an earlier time: device
+/// and inode, size, and when its content and its inode changed, in seconds and nanoseconds.
+type FileState = [i128; 7];
+
+/// What was read last.
+struct Known {
+    files: [Option<FileState>; 2],
+    was_read: bool,
 }
 
 /// The certificate that is in use.
@@ -53,30 +63,52 @@ impl Tls {
 
     /// Takes up what was renewed, for ever.
     pub(super) async fn renew(&self) {
-        let mut known = self.changed();
+        let mut known = Known {
+            files: self.files(),
+            was_read: true,
+        };
         loop {
             tokio::time::sleep(EVERY).await;
-            let now = self.changed();
-            if now != known {
-                known = now;
-                self.read_again();
-            }
+            self.look(&mut known);
         }
     }
 
-    fn read_again(&self) {
-        match acceptor(&self.parameters) {
+    /// Reads the files again if they changed, or could not be read the last time. Why they cannot be read is logged once.
+    fn look(&self, known: &mut Known) {
+        let files = self.files();
+        let has_changed = files != known.files;
+        if !has_changed && known.was_read {
+            return;
+        }
+        let read = acceptor(&self.parameters);
+        *known = Known {
+            files,
+            was_read: read.is_ok(),
+        };
+        match read {
             Ok(acceptor) => {
                 *self.acceptor.lock() = acceptor;
                 log::notice!("the renewed certificate is in use");
             }
-            Err(why) => log::error!("the earlier certificate stays in use: {why}"),
+            Err(why) if has_changed => log::error!("the earlier certificate stays in use: {why}"),
+            Err(_) => {}
         }
     }
 
-    fn changed(&self) -> [Option<SystemTime>; 2] {
-        let changed = |path: &PathBuf| path.metadata().and_then(|file| file.modified()).ok();
-        [&self.parameters.certificate, &self.parameters.key].map(changed)
+    fn files(&self) -> [Option<FileState>; 2] {
+        let state = |path: &PathBuf| {
+            let found = path.metadata().ok()?;
+            let times = [
+                found.mtime(),
+                found.mtime_nsec(),
+                found.ctime(),
+                found.ctime_nsec(),
+            ];
+            let [mtime, mtime_ns, ctime, ctime_ns] = times.map(i128::from);
+            let [device, inode, size] = [found.dev(), found.ino(), found.size()].map(i128::from);
+            Some([device, inode, size, mtime, mtime_ns, ctime, ctime_ns])
+        };
+        [&self.parameters.certificate, &self.parameters.key].map(state)
     }
 }
 
@@ -181,11 +213,45 @@ pub(super) mod tests {
         let tls = Tls::open(&parameters).unwrap();
         let config = |tls: &Tls| Arc::as_ptr(tls.acceptor().config());
         let before = config(&tls);
+        let mut known = Known {
+            files: tls.files(),
+            was_read: true,
+        };
+        tls.look(&mut known);
+        assert_eq!(config(&tls), before);
         std::fs::write(&parameters.certificate, "half").unwrap();
-        tls.read_again();
+        tls.look(&mut known);
         assert_eq!(config(&tls), before);
         std::fs::write(&parameters.certificate, CERTIFICATE).unwrap();
-        tls.read_again();
+        tls.look(&mut known);
         assert_ne!(config(&tls), before);
+    }
+
+    #[test]
+    fn a_certificate_with_an_earlier_time_and_one_that_could_not_be_read_once_are_taken_up() {
+        let folder = tempfile::tempdir().unwrap();
+        let parameters = files(folder.path());
+        let tls = Tls::open(&parameters).unwrap();
+        let config = |tls: &Tls| Arc::as_ptr(tls.acceptor().config());
+        let mut known = Known {
+            files: tls.files(),
+            was_read: true,
+        };
+        // As `cp --preserve` and a link that leads elsewhere do it.
+        let before = config(&tls);
+        let changed = parameters.certificate.metadata().unwrap().modified();
+        let renewed = folder.path().join("renewed.pem");
+        std::fs::write(&renewed, CERTIFICATE).unwrap();
+        let file = std::fs::File::options().write(true).open(&renewed).unwrap();
+        file.set_modified(changed.unwrap()).unwrap();
+        std::fs::rename(&renewed, &parameters.certificate).unwrap();
+        tls.look(&mut known);
+        assert_ne!(config(&tls), before);
+        // What hinders is not always seen in the files.
+        known.was_read = false;
+        let before = config(&tls);
+        tls.look(&mut known);
+        assert_ne!(config(&tls), before);
+        assert!(known.was_read);
     }
 }

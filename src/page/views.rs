@@ -15,7 +15,7 @@ use std::fs::File;
 use std::io::{self, Read, Seek, Write};
 use std::path::{Path, PathBuf};
 use std::process::Command;
-use std::time::{Duration, SystemTime};
+use std::time::{Duration, Instant, SystemTime};
 
 /// The command that makes a view of what it reads, and its options.
 pub const COMMAND: &str = "make-view";
@@ -33,8 +33,9 @@ const PATIENCE: Duration = Duration::from_secs(30);
 /// Bytes and files of the cache.
 const MOST_BYTES: u64 = 512 << 20;
 const MOST_FILES: usize = 4000;
-/// Views that could not be made and are not tried again.
+/// Views that could not be made, and how long each is not tried again: what hindered may have been a moment's.
 const MOST_FAILED: usize = 1000;
+const AGAIN: Duration = Duration::from_secs(600);
 /// How old the mark of the last use may be.
 const USED: Duration = Duration::from_secs(3600);
 /// Part of each name in the cache: views of other versions of scand are not used.
@@ -96,7 +97,10 @@ pub(super) struct Views {
     /// The program that has [`COMMAND`].
     program: PathBuf,
     /// Held while a view is made: one at a time, for a press comes first.
-    failed: Mutex<VecDeque<String>>,
+    failed: Mutex<VecDeque<(String, Instant)>>,
+    again: Duration,
+    /// What such a process said last although it did its work.
+    warned: Mutex<String>,
     cancel: Cancel,
 }
 
@@ -114,6 +118,8 @@ impl Views {
             folder: folder.into(),
             program: program.into(),
             failed: Mutex::default(),
+            again: AGAIN,
+            warned: Mutex::default(),
             cancel: Cancel::new()?,
         })
     }
@@ -190,7 +196,8 @@ impl Views {
             if let Some(made) = self.made(&key) {
                 return Some(made);
             }
-            if failed.contains(&key) {
+            failed.retain(|(_, at)| at.elapsed() < self.again);
+            if failed.iter().any(|(known, _)| *known == key) {
                 return None;
             }
             let source = source().map_err(|error| error.to_string());
@@ -198,7 +205,7 @@ impl Views {
             if let Err(words) = made {
                 log::warning!("{of}: cannot make its {form} for browsers: {words}");
                 failed.truncate(MOST_FAILED - 1);
-                failed.push_front(key.clone());
+                failed.push_front((key.clone(), Instant::now()));
                 return None;
             }
             self.made(&key)
@@ -240,14 +247,29 @@ impl Views {
         let child = Child::start_between(&mut command, source, output).map_err(said)?;
         let ended = child.wait(PATIENCE, Clock::system(), &self.cancel);
         match ended.map_err(said)? {
-            (ChildExit::Ended(status), _) if status.success() => match part.metadata() {
-                Ok(made) if (1..=LARGEST_SOURCE).contains(&made.len()) => Ok(()),
-                Ok(made) => Err(format!("it made {} bytes", made.len())),
-                Err(error) => Err(said(error)),
-            },
+            (ChildExit::Ended(status), words) if status.success() => {
+                self.warn(words);
+                match part.metadata() {
+                    Ok(made) if (1..=LARGEST_SOURCE).contains(&made.len()) => Ok(()),
+                    Ok(made) => Err(format!("it made {} bytes", made.len())),
+                    Err(error) => Err(said(error)),
+                }
+            }
             (ChildExit::Ended(status), words) => Err(format!("{status}: {}", last_line(&words))),
             (ChildExit::TimedOut, _) => Err("it took too long".into()),
             (ChildExit::Cancelled, _) => Err("the page is ending".into()),
+        }
+    }
+
+    /// Logs what the process said although it made its view, such as that it could not lower its priority, unless that
+    /// was logged last.
+    fn warn(&self, words: String) {
+        let mut warned = self.warned.lock();
+        if *warned != words {
+            for line in words.lines() {
+                log::warning!("the process that makes small forms says: {line}");
+            }
+            *warned = words;
         }
     }
 
@@ -382,6 +404,20 @@ mod tests {
             assert_eq!(files(&root.path().join("cache")).count(), 0, "{script}");
             assert_eq!(runs(&root), 1, "{script}");
         }
+    }
+
+    #[test]
+    fn one_that_could_not_be_made_is_tried_again_later() {
+        let script = "[ $(wc -l <$(dirname $0)/count) -gt 1 ] || exit 1; cat; echo slow >&2";
+        let (root, mut views, models) = stand(script);
+        let get = |views: &Views| text(views.get(&models, "a", "a-0001", View::Model));
+        assert!(get(&views).is_none());
+        assert!(get(&views).is_none());
+        assert_eq!(runs(&root), 1);
+        views.again = Duration::ZERO;
+        assert_eq!(get(&views).unwrap(), "glTF");
+        // What the process said although it did its work is not lost.
+        assert_eq!(*views.warned.lock(), "slow\n");
     }
 
     #[test]

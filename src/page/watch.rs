@@ -70,7 +70,9 @@ impl Watch {
         };
         if let Some(named) = folder.and_then(|folder| folder_of(folder)) {
             let mut made = self.made.lock();
-            made.truncate(MOST_MADE - 1);
+            while made.len() >= MOST_MADE {
+                made.pop_front();
+            }
             made.push_back(named);
         }
     }
@@ -149,5 +151,27 @@ async fn status(
     match open.ask(&Request::Status {}, PATIENCE).await? {
         Reply::Status { status } => Ok(status),
         reply => Err(Error::Senseless(format!("{reply:?}"))),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn of_too_many_models_that_wait_the_oldest_are_dropped() {
+        let watch = Watch::new();
+        for n in 0..=MOST_MADE {
+            let done = format!(
+                r#"{{"type":"done","capture":"a-{n}","verdict":"green","model":"/m/a/a-{n}"}}"#
+            );
+            watch.note_made(&serde_json::from_str(&done).unwrap());
+        }
+        let made: Vec<_> = std::iter::from_fn(|| watch.take_made()).collect();
+        let (first, last) = (&made[0][1], &made[MOST_MADE - 1][1]);
+        assert_eq!(
+            (first.as_str(), last.clone()),
+            ("a-1", format!("a-{MOST_MADE}"))
+        );
     }
 }

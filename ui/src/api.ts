@@ -93,6 +93,21 @@ export interface Summary {
   notes: { kind: string; text: string; author: string | null; time_ns: string | null }[];
   has_preview: boolean;
   has_model: boolean;
+  /** Differs between one state of the model's file and another. */
+  model_tag: string | null;
+}
+
+/** Recordings, the newest first; `all` is how many there are, listed or not. `seen` has captures without a report. */
+export interface Recordings {
+  recordings: { name: string; changed_s: number }[];
+  all: number;
+  seen: Last[];
+}
+
+/** The captures of a recording, the newest first; `all` is how many there are, listed or not. */
+export interface Captures {
+  captures: Summary[];
+  all: number;
 }
 
 /** A closed polygon in pixels of a look's picture. */
@@ -148,6 +163,7 @@ export class Refused extends Error {
   /** In the language of the page, as far as the code is known. */
   words(): string {
     if (this.code === "away") return t("error_away");
+    if (this.code === "unsure") return t("error_unsure");
     if (this.code === "full") return t("error_full");
     if (this.code === "viewer") return t("error_viewer");
     if (this.code === "network") return t("error_network");
@@ -201,13 +217,12 @@ export async function leave(): Promise<void> {
   await post("/api/leave", {});
 }
 
-export async function recordings(): Promise<{ recordings: { name: string; changed_s: number }[]; seen: Last[] }> {
-  return (await get("/api/recordings")) as { recordings: { name: string; changed_s: number }[]; seen: Last[] };
+export async function recordings(): Promise<Recordings> {
+  return (await get("/api/recordings")) as Recordings;
 }
 
-export async function captures(recording: string): Promise<Summary[]> {
-  const found = await get(`/api/recordings/${encodeURIComponent(recording)}`);
-  return (found as { captures: Summary[] }).captures;
+export async function captures(recording: string): Promise<Captures> {
+  return (await get(`/api/recordings/${encodeURIComponent(recording)}`)) as Captures;
 }
 
 export async function state(): Promise<{ status: Record<string, unknown> | null; age_ms: number | null }> {

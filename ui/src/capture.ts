@@ -1,10 +1,11 @@
 // One capture: its model, its verdict with the reasons, figures, notes and files.
 import { html, nothing, type TemplateResult } from "lit";
+import { keyed } from "lit/directives/keyed.js";
 import * as api from "./api";
 import "./compare";
 import "./do";
 import { Part } from "./element";
-import { date, decision, title, verdict } from "./history";
+import { cut, date, decision, reason, title, verdict } from "./history";
 import { live } from "./live";
 import "./remake";
 import { type Key, t } from "./words";
@@ -32,6 +33,8 @@ class CapturePart extends Part {
     operator: { type: Boolean },
     summary: { state: true },
     others: { state: true },
+    left: { state: true },
+    problem: { state: true },
     model: { state: true },
     mode: { state: true },
     view: { state: true },
@@ -43,19 +46,30 @@ class CapturePart extends Part {
   declare operator: boolean;
   declare summary: api.Summary | null;
   declare others: api.Summary[];
+  /** How many captures the recording has that are not listed. */
+  declare left: number;
+  /** Why the capture cannot be shown as it is now. */
+  declare problem: string;
   declare model: Model;
   declare mode: Mode;
   declare view: string;
   declare measuring: string;
   declare scale: [number, string][];
   private viewer: Viewer | null = null;
+  private name = "";
   private shown = "";
+  /** Numbers of the last question, and of the last one whose answer is shown. */
+  private asked = 0;
+  private answered = 0;
+  /** Which model, in which state, the viewer shows or loads. */
   private loaded = "";
 
   constructor() {
     super();
     this.summary = null;
     this.others = [];
+    this.left = 0;
+    this.problem = "";
     this.model = {};
     this.mode = "textured";
     this.view = "";
@@ -64,7 +78,9 @@ class CapturePart extends Part {
   }
 
   willUpdate(): void {
-    const wanted = `${this.recording} ${this.capture} ${live.now()?.history ?? ""}`;
+    const name = `${this.recording}/${this.capture}`;
+    if (name !== this.name) this.forget(name);
+    const wanted = `${name} ${live.now()?.history ?? ""}`;
     if (wanted !== this.shown) {
       this.shown = wanted;
       void this.load();
@@ -72,44 +88,81 @@ class CapturePart extends Part {
   }
 
   disconnectedCallback(): void {
-    this.viewer?.end();
-    this.viewer = null;
-    this.loaded = "";
+    this.endViewer();
     super.disconnectedCallback();
   }
 
+  /** Nothing of the capture that was shown before stays under the name of the next one. */
+  private forget(name: string): void {
+    this.name = name;
+    this.summary = null;
+    this.others = [];
+    this.left = 0;
+    this.problem = "";
+    this.model = {};
+    this.endViewer();
+  }
+
+  private endViewer(): void {
+    this.viewer?.end();
+    this.viewer = null;
+    this.loaded = "";
+    this.view = "";
+    this.measuring = "";
+    this.scale = [];
+  }
+
   private async load(): Promise<void> {
+    const asked = ++this.asked;
+    const { name, recording, capture } = this;
+    // An answer that comes late takes nothing from the capture that is shown by then, or from a newer answer.
+    const isLate = () => name !== this.name || asked < this.answered;
     try {
-      const all = await api.captures(this.recording);
-      this.summary = all.find((found) => found.capture === this.capture) ?? null;
-      this.others = all.filter((found) => found.capture !== this.capture && found.has_model);
-      const report = await api.report(this.recording, this.capture);
-      this.model = (report.model ?? {}) as Model;
+      const { captures, all } = await api.captures(recording);
+      if (isLate()) return;
+      this.answered = asked;
+      this.summary = captures.find((found) => found.capture === capture) ?? null;
+      this.others = captures.filter((found) => found.capture !== capture && found.has_model);
+      this.left = all - captures.length;
+      this.problem = this.summary ? "" : t("capture_not_listed");
+      if (!this.summary || this.summary.verdict === "unread") return;
+      const report = await api.report(recording, capture);
+      if (!isLate()) this.model = (report.model ?? {}) as Model;
     } catch (error) {
-      this.view = error instanceof api.Refused ? error.words() : String(error);
+      if (!isLate()) this.problem = error instanceof api.Refused ? error.words() : String(error);
     }
+  }
+
+  /** Which model is to be shown, in which state: a model of several captures is made anew under the same name. */
+  private wanted(): string {
+    return this.summary?.has_model ? `${this.name} ${this.summary.model_tag}` : "";
   }
 
   updated(): void {
-    const name = `${this.recording}/${this.capture}`;
+    const wanted = this.wanted();
+    if (this.loaded === wanted) return;
+    this.endViewer();
     const canvas = this.querySelector("canvas");
-    if (this.summary?.has_model && canvas && this.loaded !== name) {
-      this.loaded = name;
-      void this.show(canvas, api.file(this.recording, this.capture, "view.glb"));
+    if (canvas && wanted !== "") {
+      this.loaded = wanted;
+      void this.show(canvas, api.file(this.recording, this.capture, "view.glb"), wanted);
     }
   }
 
-  private async show(canvas: HTMLCanvasElement, address: string): Promise<void> {
+  private async show(canvas: HTMLCanvasElement, address: string, wanted: string): Promise<void> {
     this.view = t("viewer_loading");
     try {
       const { Viewer } = await import("./viewer");
-      this.viewer?.end();
-      this.viewer = await Viewer.open(canvas, address, (mm) => this.measured(mm));
-      this.viewer.show(this.mode);
+      const opened = await Viewer.open(canvas, address, (mm) => this.measured(mm));
+      // Another model is shown by now.
+      if (this.loaded !== wanted) return opened.end();
+      this.viewer = opened;
+      this.choose(this.mode);
       this.view = "";
       // For whoever waits until the model is there.
       canvas.dataset.loaded = "true";
     } catch (error) {
+      if (this.loaded !== wanted) return;
       this.view = t("viewer_failed", { reason: error instanceof Error ? error.message : String(error) });
     }
   }
@@ -119,7 +172,8 @@ class CapturePart extends Part {
   }
 
   private readonly measure = () => {
-    this.viewer?.measure();
+    if (!this.viewer) return;
+    this.viewer.measure();
     this.measuring = t("measure_first");
   };
 
@@ -134,7 +188,8 @@ class CapturePart extends Part {
     return html`
       <p><a href="#/history/${this.recording}">${t("back")}</a></p>
       <h1><bdi>${title(this.capture)}</bdi></h1>
-      ${summary ? this.about(summary) : html`<p role="status">${this.view}</p>`}
+      ${this.problem ? html`<p role="alert">${this.problem}</p>` : nothing}
+      ${summary ? this.about(summary) : nothing}
     `;
   }
 
@@ -152,7 +207,7 @@ class CapturePart extends Part {
           <h2>${t("figures")}</h2>
           ${this.figures()}
           ${summary.has_model && this.others.length > 0
-            ? html`<scand-compare .summary=${summary} .others=${this.others}></scand-compare>`
+            ? html`<scand-compare .summary=${summary} .others=${this.others}></scand-compare>${cut(this.left)}`
             : nothing}
           <h2>${t("notes")}</h2>
           ${summary.notes.length === 0 ? html`<p>${t("no_notes")}</p>` : this.notes(summary)}
@@ -175,7 +230,10 @@ class CapturePart extends Part {
   private viewerPart(): TemplateResult {
     return html`
       <section aria-label=${t("model")} class="viewer">
-        <canvas tabindex="0" role="application" aria-label=${t("viewer_label")}></canvas>
+        ${keyed(
+          this.wanted(),
+          html`<canvas tabindex="0" role="application" aria-label=${t("viewer_label")}></canvas>`,
+        )}
         <p role="status">${this.view || this.measuring}</p>
         <div class="row" role="group" aria-label=${t("view_as")}>
           ${MODES.map(
@@ -214,7 +272,7 @@ class CapturePart extends Part {
 
   private reasons(summary: api.Summary): TemplateResult {
     return html`<ul>
-      ${summary.reasons.map((reason) => html`<li>${reason.words} <code>${reason.code}</code></li>`)}
+      ${summary.reasons.map((found) => html`<li>${reason(found)} <code>${found.code}</code></li>`)}
     </ul>`;
   }
 

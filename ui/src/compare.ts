@@ -30,6 +30,10 @@ class ComparePart extends Part {
   declare error: string;
   declare apart: [api.Apart, string] | null;
   declare isBusy: boolean;
+  /** What is compared: both models, each in its present state. */
+  private pair = "";
+  /** Counts what was asked; an answer to anything but the last question is dropped. */
+  private asked = 0;
 
   constructor() {
     super();
@@ -46,41 +50,63 @@ class ComparePart extends Part {
     super.disconnectedCallback();
   }
 
+  /** Figures of models that are not shown any more, or were replaced, are forgotten. */
+  willUpdate(changed: Map<string, unknown>): void {
+    const before = changed.get("summary") as api.Summary | undefined;
+    const isAnother = before && (before.recording !== this.summary.recording || before.capture !== this.summary.capture);
+    if (isAnother) this.chosen = "";
+    const other = this.others.find(({ capture }) => capture === this.chosen);
+    if (!other) this.chosen = "";
+    const { recording, capture, model_tag } = this.summary;
+    const pair = other ? [recording, capture, model_tag, other.capture, other.model_tag].join(" ") : "";
+    if (pair === this.pair) return;
+    this.pair = pair;
+    this.forget();
+    if (other) void this.load(other.capture);
+  }
+
   private forget(): void {
     if (this.apart) URL.revokeObjectURL(this.apart[1]);
     this.apart = null;
+    this.models = null;
+    this.error = "";
+    this.isBusy = false;
+    this.asked++;
   }
 
   /** Has the surfaces compared, which takes some seconds. */
   private readonly measure = async () => {
     const { recording, capture } = this.summary;
-    const other = this.chosen;
     this.isBusy = true;
     this.error = "";
-    try {
-      const [found, picture] = await api.difference(recording, capture, other);
-      this.forget();
-      if (other === this.chosen) this.apart = [found, URL.createObjectURL(picture)];
-    } catch (error) {
-      this.error = error instanceof api.Refused ? error.words() : String(error);
-    }
-    this.isBusy = false;
+    await this.ask(api.difference(recording, capture, this.chosen), ([found, picture]) => {
+      this.apart = [found, URL.createObjectURL(picture)];
+    });
   };
 
-  private readonly choose = async (event: Event) => {
+  private readonly choose = (event: Event) => {
     this.chosen = (event.target as HTMLSelectElement).value;
-    this.models = null;
-    this.forget();
-    this.error = "";
-    if (this.chosen === "") return;
-    const { recording, capture } = this.summary;
-    try {
-      const reports = await Promise.all([capture, this.chosen].map((name) => api.report(recording, name)));
-      this.models = reports.map((report) => (report.model ?? {}) as Model) as [Model, Model];
-    } catch (error) {
-      this.error = error instanceof api.Refused ? error.words() : String(error);
-    }
   };
+
+  private async load(other: string): Promise<void> {
+    const { recording, capture } = this.summary;
+    const reports = Promise.all([capture, other].map((name) => api.report(recording, name)));
+    await this.ask(reports, (found) => {
+      this.models = found.map((report) => (report.model ?? {}) as Model) as [Model, Model];
+    });
+  }
+
+  /** Takes an answer in, unless something else was asked meanwhile. */
+  private async ask<T>(answer: Promise<T>, take: (found: T) => void): Promise<void> {
+    const asked = ++this.asked;
+    try {
+      const found = await answer;
+      if (asked === this.asked) take(found);
+    } catch (error) {
+      if (asked === this.asked) this.error = error instanceof api.Refused ? error.words() : String(error);
+    }
+    if (asked === this.asked) this.isBusy = false;
+  }
 
   render(): TemplateResult {
     const other = this.others.find(({ capture }) => capture === this.chosen);
@@ -88,9 +114,10 @@ class ComparePart extends Part {
       <p>
         <label for="compare">${t("compare")}</label>
         <select id="compare" @change=${this.choose}>
-          <option value="">–</option>
+          <option value="" .selected=${this.chosen === ""}>–</option>
           ${this.others.map(
-            ({ capture, subject }) => html`<option value=${capture}>${capture}${subject ? ` (${subject})` : ""}</option>`,
+            ({ capture, subject }) =>
+              html`<option value=${capture} .selected=${capture === this.chosen}>${capture}${subject ? ` (${subject})` : ""}</option>`,
           )}
         </select>
       </p>

@@ -27,6 +27,16 @@ export function told(answer: api.Answer): string {
 }
 
 const AUTHOR = "scand-operator";
+/** The session that was begun on this tablet under that name. */
+const SESSION = "scand-session";
+
+/** Who notes something, as far as that is known: the operator of the session, if it was begun on this tablet. */
+function author(): string {
+  const session = live.now()?.daemon?.session ?? null;
+  const isOwn = session !== null && session === localStorage.getItem(SESSION);
+  return isOwn ? (localStorage.getItem(AUTHOR) ?? "") : "";
+}
+
 /** How an object often lies; any other words do as well. */
 const PLACEMENTS: Key[] = ["placement_upright", "placement_side", "placement_other_side", "placement_upside_down"];
 
@@ -126,9 +136,12 @@ class DoPart extends Part {
   private readonly begin = async (event: SubmitEvent) => {
     event.preventDefault();
     const operator = this.value("operator");
-    localStorage.setItem(AUTHOR, operator);
+    const name = this.value("session-name");
     const about = { operator, project: this.value("project") };
-    if (await this.during(api.session(this.value("session-name"), about))) (event.target as HTMLFormElement).reset();
+    if (!(await this.during(api.session(name, about)))) return;
+    localStorage.setItem(AUTHOR, operator);
+    localStorage.setItem(SESSION, name);
+    (event.target as HTMLFormElement).reset();
   };
 
   private readonly close = () => {
@@ -220,14 +233,26 @@ class DoPart extends Part {
 
 /** What people say of a capture: accept, reject, take that back, note. */
 class SayPart extends Part {
-  static properties = { capture: {}, message: { state: true }, busy: { state: true } };
+  static properties = {
+    capture: {},
+    pinned: { state: true },
+    author: { state: true },
+    message: { state: true },
+    busy: { state: true },
+  };
   declare capture: string;
+  /** The capture that somebody began to write about; a press meanwhile does not put another one in its place. */
+  declare pinned: string;
+  /** Who says it, once somebody typed a name. */
+  declare author: string | null;
   declare message: string;
   declare busy: boolean;
 
   constructor() {
     super();
     this.capture = "";
+    this.pinned = "";
+    this.author = null;
     this.message = "";
     this.busy = false;
   }
@@ -236,8 +261,26 @@ class SayPart extends Part {
     if (changed.has("capture") && changed.get("capture") !== undefined) this.message = "";
   }
 
+  private about(): string {
+    return this.pinned || this.capture;
+  }
+
+  private field(): HTMLInputElement | null {
+    return this.querySelector<HTMLInputElement>("#note-text");
+  }
+
+  private readonly typed = () => {
+    const isEmpty = this.field()?.value === "";
+    this.pinned = isEmpty ? "" : this.about();
+  };
+
+  private readonly named = (event: Event) => {
+    this.author = (event.target as HTMLInputElement).value;
+  };
+
   private async say(kind: string): Promise<void> {
-    const field = this.querySelector("input");
+    const capture = this.about();
+    const field = this.field();
     const text = field?.value.trim() ?? "";
     if (kind === "text" && text === "") {
       field?.focus();
@@ -245,9 +288,10 @@ class SayPart extends Part {
     }
     this.busy = true;
     try {
-      const answer = await api.note(this.capture, kind, text, localStorage.getItem(AUTHOR) ?? "");
-      this.message = answer.type === "ok" ? t("told_noted", { capture: this.capture }) : told(answer);
+      const answer = await api.note(capture, kind, text, this.author ?? author());
       if (answer.type === "ok" && field) field.value = "";
+      if (answer.type === "ok") this.pinned = "";
+      this.message = answer.type === "ok" ? t("told_noted", { capture }) : told(answer);
     } catch (error) {
       this.message = error instanceof api.Refused ? error.words() : String(error);
     } finally {
@@ -263,12 +307,15 @@ class SayPart extends Part {
       ["clear", t("clear")],
       ["text", t("note")],
     ];
-    const id = "note-text";
+    const isEarlier = this.about() !== this.capture;
     return html`
       <fieldset class="say">
-        <legend>${t("verdict_of", { capture: this.capture })}</legend>
-        <label for=${id}>${t("note_text")}</label>
-        <input id=${id} maxlength="500" autocomplete="off" />
+        <legend>${t("verdict_of", { capture: this.about() })}</legend>
+        ${isEarlier ? html`<p class="warning">${t("say_earlier", { capture: this.about(), last: this.capture })}</p>` : nothing}
+        <label for="note-text">${t("note_text")}</label>
+        <input id="note-text" maxlength="500" autocomplete="off" ?readonly=${this.busy} @input=${this.typed} />
+        <label for="note-author">${t("note_author")}</label>
+        <input id="note-author" maxlength="100" autocomplete="name" .value=${this.author ?? author()} @input=${this.named} />
         <p class="row">
           ${kinds.map(
             ([kind, words]) =>

@@ -4,7 +4,7 @@ import * as api from "./api";
 import { Part } from "./element";
 import { live } from "./live";
 import { sign } from "./signs";
-import { age, type Key, language, t } from "./words";
+import { age, isKey, type Key, language, t } from "./words";
 
 export function date(seconds: number): string {
   const format = new Intl.DateTimeFormat(language(), { dateStyle: "medium", timeStyle: "short" });
@@ -17,20 +17,54 @@ export function verdict(name: string): TemplateResult {
   return html`<span class="verdict sign-${form}">${sign(form)} ${t(`verdict_${name}` as Key)}</span>`;
 }
 
+/** A reason of a verdict: what its code means in the page's language, and what the daemon says of it. */
+export function reason(found: api.Reason): TemplateResult {
+  const general = generally(found.code);
+  return html`${general ? html`${general} ` : nothing}<span class=${general ? "quiet" : ""} lang="en">${found.words}</span>`;
+}
+
+/** What a code means, if this page knows it. */
+function generally(code: string): string {
+  const key = `reason_${code}`;
+  return isKey(key) ? t(key) : "";
+}
+
+/** Says how many are not listed, if any are not. */
+export function cut(left: number): TemplateResult | typeof nothing {
+  return left > 0 ? html`<p class="quiet" data-cut>${t("list_cut", { n: left })}</p>` : nothing;
+}
+
 class HistoryPart extends Part {
-  static properties = { recording: {}, names: { state: true }, captures: { state: true }, seen: { state: true }, error: { state: true } };
+  static properties = {
+    recording: {},
+    names: { state: true },
+    captures: { state: true },
+    left: { state: true },
+    seen: { state: true },
+    error: { state: true },
+  };
   declare recording: string;
   declare names: { name: string; changed_s: number }[] | null;
   declare captures: api.Summary[];
+  /** How many recordings, and captures of the chosen one, are not listed. */
+  declare left: [number, number];
   declare seen: api.Last[];
   declare error: string;
   private shown = "";
+  /** Which recording the captures are of. */
+  private listed = "";
+  /** When the ages of what is in progress were told, by the monotonic clock. */
+  private heard = 0;
+  /** Numbers of the last question, and of the last one whose answer is shown. */
+  private asked = 0;
+  private answered = 0;
 
   constructor() {
     super();
     this.recording = "";
     this.names = null;
     this.captures = [];
+    this.left = [0, 0];
     this.seen = [];
     this.error = "";
   }
@@ -42,25 +76,41 @@ class HistoryPart extends Part {
       this.shown = wanted;
       void this.load();
     }
+    // What is listed of one recording does not stand under another's name.
+    if (this.listed === this.chosen()) return;
+    this.captures = [];
+    this.left = [this.left[0], 0];
+  }
+
+  private chosen(): string {
+    return this.recording || this.names?.[0]?.name || "";
   }
 
   private async load(): Promise<void> {
+    const asked = ++this.asked;
+    const { recording } = this;
+    // An answer that comes late takes nothing from the recording that is shown by then, or from a newer answer.
+    const isLate = () => recording !== this.recording || asked < this.answered;
     try {
       const found = await api.recordings();
+      const chosen = recording || found.recordings[0]?.name || "";
+      const listed = chosen === "" ? { captures: [], all: 0 } : await api.captures(chosen);
+      if (isLate()) return;
+      this.answered = asked;
       this.names = found.recordings;
-      const chosen = this.recording || found.recordings[0]?.name;
-      this.captures = chosen ? await api.captures(chosen) : [];
-      const known = new Set(this.captures.map((capture) => capture.capture));
-      const isOpen = (seen: api.Last) => !known.has(seen.capture) && !["green", "amber", "red"].includes(seen.sign);
-      this.seen = found.seen.filter(isOpen);
+      this.listed = chosen;
+      this.captures = listed.captures;
+      this.left = [found.all - found.recordings.length, listed.all - listed.captures.length];
+      this.heard = performance.now();
+      this.seen = found.seen.filter((seen) => !["green", "amber", "red"].includes(seen.sign));
       this.error = "";
     } catch (error) {
-      this.error = error instanceof api.Refused ? error.words() : String(error);
+      if (!isLate()) this.error = error instanceof api.Refused ? error.words() : String(error);
     }
   }
 
   render(): TemplateResult {
-    const chosen = this.recording || this.names?.[0]?.name;
+    const chosen = this.chosen();
     return html`
       <h1>${t("history")}</h1>
       ${this.error ? html`<p role="alert">${this.error}</p>` : nothing}
@@ -71,13 +121,14 @@ class HistoryPart extends Part {
   }
 
   private open(): TemplateResult {
+    const passed = performance.now() - this.heard;
     return html`
       <h2>${t("in_progress")}</h2>
       <ul class="open">
         ${this.seen.map(
           (seen) => html`<li>
             ${sign(seen.sign)} <bdi>${seen.capture}</bdi> ${seen.subject ? html`(<bdi>${seen.subject}</bdi>)` : nothing},
-            ${t(`sign_${seen.sign}` as Key)}, ${age(seen.age_ms)} ${seen.reasons.join("; ")}
+            ${t(`sign_${seen.sign}` as Key)}, ${age(seen.age_ms + passed)} ${seen.reasons.join("; ")}
           </li>`,
         )}
       </ul>
@@ -95,16 +146,19 @@ class HistoryPart extends Part {
           ${this.names?.map(({ name }) => html`<option value=${name} ?selected=${name === chosen}>${name}</option>`)}
         </select>
       </p>
+      ${cut(this.left[0])}
       <h2>${t("captures_of", { recording: chosen })}</h2>
       <ul class="strip">
         ${this.captures.map((capture) => html`<li>${this.card(capture)}</li>`)}
       </ul>
+      ${cut(this.left[1])}
     `;
   }
 
   private card(capture: api.Summary): TemplateResult {
     const picture = api.file(capture.recording, capture.capture, "thumbnail.jpg");
-    const words = capture.reasons[0]?.words;
+    const first = capture.reasons[0];
+    const words = first && (generally(first.code) || first.words);
     return html`
       <a class="card capture" href="#/history/${capture.recording}/${capture.capture}">
         ${capture.has_preview

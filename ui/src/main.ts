@@ -6,7 +6,7 @@ import "./history";
 import { live } from "./live";
 import "./look";
 import "./now";
-import { isOn, play, turn } from "./sound";
+import { isOn, play, turn, wake } from "./sound";
 import "./state";
 import "./style.css";
 import { choose, type Key, language, others, t } from "./words";
@@ -15,12 +15,22 @@ const PARTS: Key[] = ["now", "look", "history", "state"];
 const LOOK_MS = 5000;
 
 class Page extends LitElement {
-  static properties = { me: { state: true }, route: { state: true }, refusal: { state: true }, isLoading: { state: true } };
+  static properties = {
+    me: { state: true },
+    route: { state: true },
+    refusal: { state: true },
+    isLoading: { state: true },
+    isAway: { state: true },
+  };
   declare me: api.Me | null;
   declare route: string[];
   declare refusal: string;
   declare isLoading: boolean;
+  /** Whether it is not known if there is a session, because the page's process does not answer. */
+  declare isAway: boolean;
   private sign = "";
+  /** What a tone was last due for; null before anything was heard. */
+  private told: string | null = null;
 
   constructor() {
     super();
@@ -28,6 +38,7 @@ class Page extends LitElement {
     this.route = [];
     this.refusal = "";
     this.isLoading = true;
+    this.isAway = false;
   }
 
   protected createRenderRoot(): HTMLElement {
@@ -38,6 +49,7 @@ class Page extends LitElement {
     super.connectedCallback();
     addEventListener("hashchange", () => this.go());
     live.addEventListener("change", () => this.heard());
+    for (const event of ["pointerdown", "keydown"]) addEventListener(event, wake);
     setInterval(() => void this.look(), LOOK_MS);
     void this.begin();
   }
@@ -60,39 +72,45 @@ class Page extends LitElement {
 
   private async enter(): Promise<void> {
     try {
-      this.me = await api.me();
-      live.start();
-    } catch (error) {
-      if (error instanceof api.Refused && error.status === 401) this.me = null;
-    }
-  }
-
-  /** Without the stream: either the connection is gone, or the session. */
-  private async look(): Promise<void> {
-    if (live.now() !== null && this.me) return;
-    try {
       const me = await api.me();
+      this.isAway = false;
       if (!this.me) {
         this.me = me;
         live.start();
       }
     } catch (error) {
-      if (error instanceof api.Refused && error.status === 401) this.me = null;
+      const isOver = error instanceof api.Refused && error.status === 401;
+      if (isOver) this.me = null;
+      this.isAway = !isOver;
     }
   }
 
+  /** Without the stream: either the connection is gone, or the session. */
+  private async look(): Promise<void> {
+    if (live.now() === null || !this.me) await this.enter();
+  }
+
   private heard(): void {
-    const sign = live.now()?.sign ?? "unknown";
+    const now = live.now();
+    const sign = now?.sign ?? "unknown";
+    this.sound(sign, now?.capture ?? "");
     if (sign !== this.sign) {
       this.sign = sign;
-      play(sign);
       document.title = `${t(`sign_${sign}` as Key)} – scand`;
     }
   }
 
+  /** A tone for each news, once: neither a connection that comes back nor a page that was just opened is news. */
+  private sound(sign: string, capture: string): void {
+    if (["unknown", "away"].includes(sign)) return;
+    const due = `${sign} ${capture}`;
+    if (this.told !== null && this.told !== due) play(sign);
+    this.told = due;
+  }
+
   private go(): void {
     const parts = location.hash.replace(/^#\/?/, "").split("/");
-    this.route = parts.map((part) => decodeURIComponent(part));
+    this.route = parts.map(decoded);
   }
 
   protected updated(): void {
@@ -153,7 +171,8 @@ class Page extends LitElement {
   }
 
   private content(): TemplateResult | typeof nothing {
-    if (!this.me) return this.isLoading ? nothing : this.login();
+    if (!this.me && this.isLoading) return nothing;
+    if (!this.me) return this.isAway ? this.away() : this.login();
     const operator = this.me.role === "operator";
     const [part, recording, capture] = this.route;
     if (part === "history" && recording && capture) {
@@ -165,14 +184,36 @@ class Page extends LitElement {
     return html`<scand-now ?operator=${operator}></scand-now>`;
   }
 
+  /** Whether there is a session is not known: the page asks again by itself. */
+  private away(): TemplateResult {
+    return html`
+      <h1>${t("sign_unknown")}</h1>
+      ${this.refused()}
+      <p role="status">${t("sign_unknown_hint")}</p>
+    `;
+  }
+
+  private refused(): TemplateResult | typeof nothing {
+    return this.refusal ? html`<p role="alert">${t("login_failed", { reason: this.refusal })}</p>` : nothing;
+  }
+
   private login(): TemplateResult {
     return html`
       <h1>${t("login")}</h1>
-      ${this.refusal ? html`<p role="alert">${t("login_failed", { reason: this.refusal })}</p>` : nothing}
+      ${this.refused()}
       <p>${t("login_hint")}</p>
       <pre>scand page pair</pre>
       <p>${t("login_then")}</p>
     `;
+  }
+}
+
+/** A part of an address; as it stands, if it is not what an address may have. */
+function decoded(part: string): string {
+  try {
+    return decodeURIComponent(part);
+  } catch {
+    return part;
   }
 }
 

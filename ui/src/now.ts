@@ -54,19 +54,23 @@ class NowPart extends Part {
         <li class=${plates === null ? "warning" : ""}>
           ${plates === null ? t("plates_none") : t("plates_age", { age: age(plates * 3_600_000) })}
         </li>
-        ${now.last ? html`<li>${this.last(now.last)}</li>` : nothing}
+        ${now.last ? html`<li>${this.last(now.last, now.sign)}</li>` : nothing}
         <li class="quiet">${t("updated", { age: age(daemon.age_ms + live.passed()) })}</li>
       </ul>
     `;
   }
 
-  private last(last: Last): TemplateResult {
+  private last(last: Last, shown: string): TemplateResult {
     const name = html`<bdi>${last.capture}</bdi>`;
     const link = `#/history/${last.recording ?? ""}/${last.capture}`;
     const hasModel = ["green", "amber", "red", "model_failed"].includes(last.sign) && last.recording !== null;
     const subject = last.subject ? html` (<bdi>${t("for_object", { subject: last.subject })}</bdi>)` : nothing;
+    // Where the sign has to say something else, such as that a camera is away, the failure is told here.
+    const why = last.sign === "failed" && shown !== "failed" ? last.reasons.join("; ") : "";
     return html`${t("last_capture")}: ${hasModel ? html`<a href=${link}>${name}</a>` : name}${subject},
-      ${t(`sign_${last.sign}` as Key)}${last.decision ? html` ${decision(last)}` : nothing}, ${age(last.age_ms + live.passed())}`;
+      ${t(`sign_${last.sign}` as Key)}${last.decision ? html` ${decision(last)}` : nothing}, ${age(last.age_ms + live.passed())}${why
+        ? html` <span lang="en">${why}</span>`
+        : nothing}`;
   }
 }
 

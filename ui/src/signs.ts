@@ -10,6 +10,7 @@ const forms: Record<string, SVGTemplateResult> = {
   away: svg`${circle}<path d="M9 9.5a3 3 0 1 1 4.5 2.6c-1 .6-1.5 1-1.5 2.4M12 17.5v.01"/>`,
   not_ready: svg`<path d="M4 8h4l1.500-2h5L16 8h4v11H4zM3 3l18 18"/>`,
   disk_full: svg`<ellipse cx="12" cy="6" rx="8" ry="3"/><path d="M4 6v12c0 4 16 4 16 0V6M12 11v4M12 18v.01"/>`,
+  busy: svg`<path d="M6 3h12M6 21h12M7 3c0 5 3.500 7 5 9-1.500 2-5 4-5 9M17 3c0 5-3.500 7-5 9 1.500 2 5 4 5 9"/>`,
   ready: svg`${circle}<path d="M10 7.500v9l7-4.500z"/>`,
   ready_without: svg`${circle}<path d="M8 8v8l6-4zM17 8v4.500M17 16v.01"/>`,
   capturing: svg`<path d="M8 21l-4-7 1.500-1 2.500 2V6.500a1.500 1.500 0 0 1 3 0V4.500a1.500 1.500 0 0 1 3 0v2a1.500 1.500 0 0 1 3 0V9a1.500 1.500 0 0 1 3 0v7l-2 5z"/>`,
@@ -20,6 +21,8 @@ const forms: Record<string, SVGTemplateResult> = {
   red: svg`<path d="M8 2h8l6 6v8l-6 6H8l-6-6V8z"/>${cross}`,
   failed: svg`<path d="M20 12a8 8 0 1 1-2.500-5.800M20 3v5h-5"/>`,
   model_failed: svg`<path d="M12 2l9 5v10l-9 5-9-5V7z"/>${cross}`,
+  retried: svg`<path d="M20 12a8 8 0 1 1-2.500-5.800M20 3v5h-5"/>`,
+  outcome_unknown: svg`${circle}<path d="M9 9.5a3 3 0 1 1 4.5 2.6c-1 .6-1.5 1-1.5 2.4M12 17.5v.01"/>`,
   unread: svg`<path d="M5 2h10l4 4v16H5zM9 12h6M9 16h6"/>`,
 };
 

@@ -23,11 +23,28 @@ export function turn(on: boolean): void {
   if (on) play("hands_may_move");
 }
 
+/** How late a tone may be: a browser holds it back until somebody touches the page. */
+const LATE_MS = 1000;
+
 export function play(sign: string): void {
   const tones = TONES[sign];
   if (!isOn() || !tones) return;
   context ??= new AudioContext();
-  tones.forEach((frequency, n) => tone(frequency, n * 0.18));
+  const wanted = performance.now();
+  void running(context).then(() => {
+    if (performance.now() - wanted < LATE_MS) tones.forEach((frequency, n) => tone(frequency, n * 0.18));
+  });
+}
+
+/** Lets sounds through, as browsers allow it when somebody touches the page. */
+export function wake(): void {
+  if (!isOn()) return;
+  context ??= new AudioContext();
+  void running(context);
+}
+
+async function running(context: AudioContext): Promise<void> {
+  if (context.state !== "running") await context.resume();
 }
 
 function tone(frequency: number, after_s: number): void {

@@ -243,6 +243,8 @@ export class Viewer {
     this.controls.dispose();
     for (const mesh of this.meshes) mesh.geometry.dispose();
     this.renderer.dispose();
+    // A browser has a few of these for all pages; the canvas is not used again.
+    this.renderer.forceContextLoss();
   }
 }
 

@@ -6,6 +6,12 @@ import { SCAND, until } from "./rig.mjs";
 
 const MARKUP = `<img src=x onerror="alert(1)"><script>alert(2)</script>`;
 
+/** Takes a capture and waits for its model; recording and name of that. */
+function make(rig) {
+  const lines = rig.scand("trigger", "--socket", "scand.sock", "--until", "done", "--json").trim().split("\n");
+  return JSON.parse(lines.pop()).model.split("/").slice(-2);
+}
+
 /** How many captures the rig took since the daemon began. */
 const taken = (rig) => rig.status().complete;
 
@@ -182,7 +188,7 @@ test("names, numbers and notes full of markup are text", async ({ page, rig, exp
   await expect(page.locator(".strip li")).not.toHaveCount(0);
   await shot(page, "history");
   expect(await page.locator("main img[src=x]").count()).toBe(0);
-  for (const address of ["#/history/%3Cimg%20src=x%20onerror=alert(1)%3E", "#/history/../..", "#/%3Cscript%3E"]) {
+  for (const address of ["#/history/%3Cimg%20src=x%20onerror=alert(1)%3E", "#/history/../..", "#/%3Cscript%3E", "#/history/%"]) {
     await page.goto(`http://127.0.0.1:${rig.port}/${address}`);
     await expect(page.locator("nav")).toBeVisible();
   }
@@ -313,6 +319,135 @@ test("a model is made again with other settings, beside the first", async ({ pag
   // What people say of the capture holds for its other models too.
   rig.scand("note", "--socket", "scand.sock", name, "reject", "a hand");
   await expect(page.locator(".decision")).toHaveText("rejected");
+});
+
+test("what is shown of a model belongs to the capture that is shown", async ({ page, rig, expected }) => {
+  expected.push("net::ERR");
+  await rig.prepare();
+  await enter(page, rig);
+  const [[recording, first], [, second]] = [make(rig), make(rig)];
+  const open = (name) => page.evaluate((hash) => (location.hash = hash), `#/history/${recording}/${name}`);
+  await open(first);
+  await expect(page.locator("canvas[data-loaded]")).toBeVisible();
+  await page.locator("[data-mode=error]").click();
+  await page.locator("[data-measure]").click();
+  await page.getByLabel("Compare with another model").selectOption(second);
+  await page.locator("[data-compared] thead a").click();
+  await expect(page.locator("h1")).toHaveText(second);
+  await expect(page.getByLabel("Compare with another model")).toHaveValue("");
+  await expect(page.locator("[data-compared]")).toHaveCount(0);
+  await expect(page.locator("canvas[data-loaded]")).toBeVisible();
+  await expect(page.locator(".viewer [role=status]")).toHaveText("");
+  await expect(page.locator(".legend li")).toHaveCount(5);
+  // A model that comes late, and fails, says nothing of the one that is shown by then.
+  let release;
+  const held = new Promise((done) => (release = done));
+  await page.route(`**/${first}/view.glb`, async (route) => {
+    await held;
+    await route.abort();
+  });
+  const asked = page.waitForRequest(`**/${first}/view.glb`);
+  await open(first);
+  await asked;
+  await open(second);
+  await expect(page.locator("canvas[data-loaded]")).toBeVisible();
+  const failed = page.waitForEvent("requestfailed");
+  release();
+  await failed;
+  await page.waitForTimeout(300);
+  await expect(page.locator(".viewer [role=status]")).toHaveText("");
+  await page.unroute(`**/${first}/view.glb`);
+  // A capture that cannot be asked for has nobody else's verdict.
+  await page.route(`**/api/recordings/${recording}`, (route) => route.abort());
+  await open(first);
+  await expect(page.getByRole("alert")).toContainText("does not answer");
+  await expect(page.locator("main .verdict")).toHaveCount(0);
+});
+
+test("what is typed about a capture goes to that capture, whatever is pressed meanwhile", async ({ page, rig }) => {
+  await rig.prepare();
+  await enter(page, rig);
+  const [recording, first] = make(rig);
+  await expect(page.locator(".say legend")).toContainText(first);
+  await page.getByLabel("Why, or a note").fill("a hand");
+  await page.getByLabel("Your name").fill("Ben");
+  const [, second] = make(rig);
+  await expect(page.locator(".facts")).toContainText(second);
+  await expect(page.locator(".say legend")).toContainText(first);
+  await expect(page.locator(".say .warning")).toContainText(second);
+  await page.locator("[data-say=reject]").click();
+  await expect(page.locator(".say legend")).toContainText(second);
+  await expect(page.locator(".facts .decision")).toHaveCount(0);
+  await page.evaluate((hash) => (location.hash = hash), `#/history/${recording}/${first}`);
+  await expect(page.locator(".decision")).toHaveText("rejected");
+  await expect(page.locator("main")).toContainText("(Ben)");
+});
+
+test("a page that is opened while the rig does not answer says so, and goes on by itself", async ({ page, rig, expected }) => {
+  expected.push("net::ERR");
+  await enter(page, rig, "viewer");
+  await page.route("**/api/me", (route) => route.abort());
+  await page.reload();
+  await expect(page.getByRole("heading", { name: "No connection" })).toBeVisible();
+  await expect(page.locator("pre")).toHaveCount(0);
+  await page.unroute("**/api/me");
+  await expect(page.locator("nav")).toBeVisible();
+});
+
+test("reasons are in the page's language, and a list that is cut says so", async ({ page, rig }) => {
+  await enter(page, rig, "viewer");
+  const reasons = [
+    { level: "red", code: "frame_cut", words: "c03 cuts it" },
+    { level: "amber", code: "of_another_version", words: "<b>new</b>" },
+  ];
+  const capture = { capture: "fake-0001", recording: "fake", verdict: "red", reasons, subject: null, placement: null, time_s: null };
+  const rest = { decision: null, notes: [], has_preview: false, has_model: false, model_tag: null };
+  await page.route("**/api/recordings/fake", (route) => route.fulfill({ json: { captures: [{ ...capture, ...rest }], all: 1201 } }));
+  await page.route("**/report.json", (route) => route.fulfill({ json: {} }));
+  await page.getByRole("button", { name: "Deutsch" }).click();
+  await page.evaluate(() => (location.hash = "#/history/fake"));
+  await expect(page.locator(".strip .quiet")).toHaveText("Das Objekt reicht bis an den Rand eines Bildes.");
+  await expect(page.locator("[data-cut]")).toContainText("1200");
+  await page.locator(".strip a").click();
+  await expect(page.locator("main")).toContainText("Rand eines Bildes. c03 cuts it");
+  await expect(page.locator("main")).toContainText("<b>new</b>");
+  await page.getByRole("button", { name: "English" }).click();
+});
+
+test("a tone is played once for its news, and not again when the connection is back", async ({ page, rig, expected }) => {
+  expected.push("net::ERR");
+  await page.addInitScript(() => {
+    localStorage.setItem("scand-sound", "on");
+    const node = (more) => ({ connect: (to) => to, ...more });
+    window.tones = 0;
+    window.AudioContext = class {
+      state = "suspended";
+      currentTime = 0;
+      async resume() {
+        this.state = "running";
+      }
+      createGain = () => node({ gain: {} });
+      createOscillator = () => {
+        window.tones++;
+        return node({ frequency: {}, start() {}, stop() {} });
+      };
+    };
+  });
+  await rig.prepare();
+  await enter(page, rig, "viewer", rig.wirePort);
+  await sign(page, "ready", "green", "amber", "red");
+  const [, capture] = make(rig);
+  await sign(page, "green", "amber", "red");
+  await expect(page.locator(".now .about")).toContainText(capture);
+  const tones = () => page.evaluate(() => window.tones);
+  await expect.poll(tones).toBeGreaterThan(0);
+  const before = await tones();
+  rig.wire.cut();
+  await sign(page, "unknown");
+  rig.wire.mend();
+  await sign(page, "green", "amber", "red", "ready");
+  await page.waitForTimeout(500);
+  expect(await tones()).toBe(before);
 });
 
 test("of several captures of an object the page tells how they lie, and what to show next", async ({ page, rig }) => {

@@ -273,6 +273,7 @@ impl Capturing {
         Status {
             version: env!("CARGO_PKG_VERSION"),
             ready: self.ready.load(Ordering::Relaxed),
+            busy: self.is_busy(),
             complete: figures.complete,
             failed: figures.failed,
             refused: figures.refused,

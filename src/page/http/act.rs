@@ -3,7 +3,7 @@
 
 use super::guard::{body, confirmed, cookie, operator, visitor};
 use super::reply::{Refusal, answer, json};
-use super::{App, HttpRequest};
+use super::{App, Client, HttpRequest};
 use crate::log;
 use crate::page::daemon;
 use crate::page::models::is_name;
@@ -17,6 +17,7 @@ use axum::response::Response;
 use serde::Deserialize;
 use serde_json::{Value, json};
 use std::collections::BTreeMap;
+use std::net::{IpAddr, Ipv4Addr};
 use std::sync::Arc;
 use std::time::Duration;
 
@@ -49,8 +50,10 @@ pub(super) async fn pair(State(app): State<Arc<App>>, request: HttpRequest) -> R
 }
 
 async fn begin(app: &App, request: HttpRequest) -> Result<Response, Refusal> {
+    let client = request.extensions().get::<Client>();
+    let client = client.map_or(IpAddr::V4(Ipv4Addr::UNSPECIFIED), |client| client.0);
     let (asked, origin): (Pair, _) = body(request).await?;
-    let begun = app.sessions.begin(&asked.token);
+    let begun = app.sessions.begin(&asked.token, client);
     let (secret, role, lasts) = begun.map_err(|error| {
         let (status, code) = match error {
             sessions::Error::Unknown => (StatusCode::FORBIDDEN, "link"),
@@ -252,10 +255,10 @@ async fn ask(app: &App, request: Request) -> Result<Response, Refusal> {
 /// that may press gets it.
 fn told(reply: Result<Reply, daemon::Error>) -> Result<Response, Refusal> {
     let reply = reply.map_err(|error| {
-        let code = if matches!(error, daemon::Error::Full) {
-            "full"
-        } else {
-            "away"
+        let code = match error {
+            daemon::Error::Full => "full",
+            daemon::Error::Unsure => "unsure",
+            _ => "away",
         };
         Refusal::new(StatusCode::SERVICE_UNAVAILABLE, code, error.to_string())
     })?;

@@ -4,7 +4,8 @@ use super::files::takes_gzip;
 use super::guard::visitor;
 use super::reply::{Refusal, answer, json, typed};
 use super::{App, HttpRequest};
-use crate::page::models::ModelFile;
+use crate::page::models::{ModelFile, Models};
+use crate::page::now::CaptureEntry;
 use crate::page::views::View;
 use axum::body::{Body, Bytes};
 use axum::extract::{Path, State};
@@ -47,21 +48,34 @@ pub(super) async fn recordings(State(app): State<Arc<App>>, request: HttpRequest
     let allowed = visitor(&app, &request).map(drop);
     let listed = async {
         allowed?;
-        let models = app.models.clone();
-        let recordings = blocking(move || models.recordings()).await?;
-        let at = Instant::now();
-        let seen: Vec<_> = app.watch.look(|now| {
-            let seen = now.captures().rev();
-            seen.map(|seen| {
-                json!({ "capture": seen.capture, "recording": seen.recording, "subject": seen.subject,
-                    "sign": seen.sign, "reasons": seen.reasons,
-                    "age_ms": at.saturating_duration_since(seen.begun).as_millis() as u64 })
-            })
-            .collect()
+        let (models, watch) = (app.models.clone(), app.watch.clone());
+        let listed = blocking(move || {
+            let listing = models.recordings();
+            let seen: Vec<_> = watch.look(|now| now.captures().rev().cloned().collect());
+            (listing, without_report(&models, seen))
         });
-        Ok(json(&json!({ "recordings": recordings, "seen": seen })))
+        let (recordings, seen) = listed.await?;
+        let at = Instant::now();
+        let seen = seen.iter().map(|seen| {
+            json!({ "capture": seen.capture, "recording": seen.recording, "subject": seen.subject,
+                "sign": seen.sign, "reasons": seen.reasons,
+                "age_ms": at.saturating_duration_since(seen.begun).as_millis() as u64 })
+        });
+        let seen: Vec<_> = seen.collect();
+        Ok(json(
+            &json!({ "recordings": recordings.newest, "all": recordings.all, "seen": seen }),
+        ))
     };
     answer(listed.await)
+}
+
+/// Without the captures of which there is a report, whether the page heard of that or not.
+fn without_report(models: &Models, mut seen: Vec<CaptureEntry>) -> Vec<CaptureEntry> {
+    seen.retain(|seen| {
+        let recording = seen.recording.as_deref();
+        !recording.is_some_and(|recording| models.has_report(recording, &seen.capture))
+    });
+    seen
 }
 
 /// The captures of a recording.
@@ -76,7 +90,9 @@ pub(super) async fn captures(
         let models = app.models.clone();
         let captures = blocking(move || models.captures(&recording)).await?;
         let captures = captures.ok_or_else(no_model)?;
-        Ok(json(&json!({ "captures": captures })))
+        Ok(json(
+            &json!({ "captures": captures.newest, "all": captures.all }),
+        ))
     };
     answer(listed.await)
 }
@@ -87,18 +103,23 @@ pub(super) async fn file(
     Path((recording, capture, name)): Path<(String, String, String)>,
     request: HttpRequest,
 ) -> Response {
-    let allowed = visitor(&app, &request).map(drop);
+    let visitor = visitor(&app, &request);
     let (request, _) = request.into_parts();
     let sent = async {
-        allowed?;
+        let visitor = visitor?;
+        let asked = Asked {
+            app: &app,
+            secret: &visitor.secret,
+            headers: &request.headers,
+        };
         if let Some(view) = View::named(&name) {
-            return small(&app, &recording, &capture, view, &request.headers).await;
+            return small(&asked, &recording, &capture, view).await;
         }
         let kind = ModelFile::named(&name).ok_or_else(no_model)?;
         let as_name = format!("{capture}.{}", kind.name());
         let is_download = request.uri.query() == Some("download");
         let name = is_download.then_some(as_name.as_str());
-        whole(&app, recording, capture, kind, &request.headers, name).await
+        whole(&asked, recording, capture, kind, name).await
     };
     answer(sent.await)
 }
@@ -130,17 +151,27 @@ pub(super) async fn difference(
     answer(sent.await)
 }
 
+/// Who asks for a file, and how.
+struct Asked<'a> {
+    app: &'a App,
+    secret: &'a str,
+    headers: &'a HeaderMap,
+}
+
 /// A file as it is, compressed on its way if that helps.
 async fn whole(
-    app: &App,
+    asked: &Asked<'_>,
     recording: String,
     capture: String,
     kind: ModelFile,
-    headers: &HeaderMap,
     download: Option<&str>,
 ) -> Result<Response, Refusal> {
-    let slot = app.downloads.clone().try_acquire_owned();
-    let slot = slot.map_err(|_| full())?;
+    let Asked {
+        app,
+        secret,
+        headers,
+    } = asked;
+    let share = app.downloads.take(secret).ok_or_else(full)?;
     let models = app.models.clone();
     let opened = blocking(move || models.open(&recording, &capture, kind)).await?;
     let (file, size, tag) = opened.ok_or_else(no_model)?;
@@ -149,7 +180,7 @@ async fn whole(
     } else {
         let gzip = kind.is_compressible() && takes_gzip(headers);
         let coding = if gzip { Coding::Gzip } else { Coding::None };
-        send(file, size, kind.media_type(), coding, slot)
+        send(file, size, kind.media_type(), coding, share)
     };
     mark(&mut response, &tag, download);
     Ok(response)
@@ -157,12 +188,12 @@ async fn whole(
 
 /// A small form of a file; where there is none, the file itself.
 async fn small(
-    app: &App,
+    asked: &Asked<'_>,
     recording: &str,
     capture: &str,
     view: View,
-    headers: &HeaderMap,
 ) -> Result<Response, Refusal> {
+    let Asked { app, headers, .. } = asked;
     let slot = tokio::time::timeout(WAIT, app.small.clone().acquire_owned()).await;
     let slot = slot.map_err(|_| full())?.map_err(|_| full())?;
     let (models, views) = (app.models.clone(), app.views.clone());
@@ -174,7 +205,7 @@ async fn small(
     let made = blocking(move || views?.get(&models, &names.0, &names.1, view)).await?;
     let Some((file, size, tag)) = made else {
         drop(slot);
-        return whole(app, recording, capture, view.source(), headers, None).await;
+        return whole(asked, recording, capture, view.source(), None).await;
     };
     let mut response = if is_known(headers, &tag) {
         unchanged()
@@ -239,13 +270,13 @@ enum Coding {
     IsGzip,
 }
 
-/// Sends a file piece by piece; no more of it is in memory than a few pieces.
+/// Sends a file piece by piece; no more of it is in memory than a few pieces. `place` is held until it is sent.
 fn send(
     file: File,
     size: u64,
     media_type: &'static str,
     coding: Coding,
-    slot: tokio::sync::OwnedSemaphorePermit,
+    place: impl Send + 'static,
 ) -> Response {
     let (sender, receiver) = mpsc::channel(PIECES);
     let pieces = Pieces {
@@ -255,7 +286,7 @@ fn send(
     tokio::task::spawn_blocking(move || {
         // A client that went away needs no more.
         let _ = copy(file, size, pieces, coding == Coding::Gzip);
-        drop(slot);
+        drop(place);
     });
     let stream = futures_util::stream::unfold(receiver, |mut receiver| async {
         receiver.recv().await.map(|piece| (piece, receiver))
@@ -327,4 +358,34 @@ async fn blocking<T: Send + 'static>(
         let status = StatusCode::INTERNAL_SERVER_ERROR;
         Refusal::new(status, "internal", "the page failed to read the models")
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::page::http::{DOWNLOADS, READERS, SMALL};
+
+    #[test]
+    fn clients_that_do_not_read_their_files_keep_no_list_waiting() {
+        let file = tempfile::tempfile().unwrap();
+        file.set_len(64 << 20).unwrap();
+        let runtime = tokio::runtime::Builder::new_current_thread()
+            .enable_all()
+            .max_blocking_threads(READERS)
+            .build()
+            .unwrap();
+        runtime.block_on(async {
+            let unread: Vec<_> = (0..DOWNLOADS + SMALL)
+                .map(|_| {
+                    let file = file.try_clone().unwrap();
+                    send(file, 64 << 20, "model/gltf-binary", Coding::None, ())
+                })
+                .collect();
+            // All of them have begun to read, and wait for their clients.
+            tokio::time::sleep(Duration::from_millis(300)).await;
+            let listed = tokio::time::timeout(Duration::from_secs(20), blocking(|| 7));
+            assert!(matches!(listed.await, Ok(Ok(7))));
+            drop(unread);
+        });
+    }
 }

@@ -7,6 +7,7 @@ mod guard;
 mod history;
 mod look;
 mod reply;
+mod shares;
 mod stream;
 
 use super::assets::{Asset, assets};
@@ -22,18 +23,33 @@ use axum::http::{Request, StatusCode};
 use axum::response::Response;
 use axum::routing::{get, post};
 use reply::Refusal;
+use shares::Shares;
 use std::collections::BTreeMap;
+use std::net::IpAddr;
 use std::sync::Arc;
 use tokio::sync::Semaphore;
 
 /// A request as the server hands it over.
 pub(super) type HttpRequest = Request<axum::body::Body>;
 
-/// Files of models that are sent at a time.
+/// A client, as the connection tells it; behind a reverse proxy that is the proxy.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) struct Client(pub(super) IpAddr);
+
+/// Files of models that are sent at a time, and to one session: a browser asks for six things at a time.
 const DOWNLOADS: usize = 12;
+const DOWNLOADS_OF_ONE: usize = 6;
 
 /// Small forms of them that are made and sent at a time; others wait.
 const SMALL: usize = 4;
+
+/// Threads that read files. Each of those that are sent to a slow client keeps one for as long as that takes, and lists
+/// do not wait for them.
+pub(super) const READERS: usize = DOWNLOADS + SMALL + 16;
+
+/// Streams of events that are open at a time, and of one session.
+const STREAMS: usize = 64;
+const STREAMS_OF_ONE: usize = 8;
 
 /// Requests for pictures of the cameras that wait at a time.
 const LOOKING: usize = 16;
@@ -49,10 +65,10 @@ pub(super) struct App {
     pub(super) models: Models,
     pub(super) views: Option<Arc<Views>>,
     assets: BTreeMap<&'static str, Asset>,
-    downloads: Arc<Semaphore>,
+    downloads: Arc<Shares>,
     small: Arc<Semaphore>,
     looking: Semaphore,
-    streams: Arc<stream::Streams>,
+    streams: Arc<Shares>,
 }
 
 impl App {
@@ -75,10 +91,10 @@ impl App {
             models,
             views: views.map(Arc::new),
             assets: assets(),
-            downloads: Arc::new(Semaphore::new(DOWNLOADS)),
+            downloads: Shares::new(DOWNLOADS, DOWNLOADS_OF_ONE),
             small: Arc::new(Semaphore::new(SMALL)),
             looking: Semaphore::new(LOOKING),
-            streams: Arc::default(),
+            streams: Shares::new(STREAMS, STREAMS_OF_ONE),
         }
     }
 }

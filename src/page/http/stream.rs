@@ -3,14 +3,12 @@
 
 use super::guard::visitor;
 use super::reply::{Refusal, answer, typed};
+use super::shares::Share;
 use super::{App, HttpRequest};
-use crate::page::secrets::Hash;
 use axum::body::{Body, Bytes};
 use axum::extract::State;
 use axum::http::StatusCode;
 use axum::response::Response;
-use parking_lot::Mutex;
-use std::collections::BTreeMap;
 use std::convert::Infallible;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
@@ -21,54 +19,12 @@ use tokio::time::{sleep, timeout};
 const EVERY: Duration = Duration::from_secs(4);
 /// Shortest one.
 const PAUSE: Duration = Duration::from_millis(100);
-/// Streams at a time, and of one session.
-const MOST: usize = 64;
-const MOST_OF_ONE: usize = 8;
-
-/// The streams that are open, counted by session.
-#[derive(Default)]
-pub(super) struct Streams(Mutex<BTreeMap<Hash, usize>>);
-
-/// One open stream.
-struct Slot {
-    streams: Arc<Streams>,
-    session: Hash,
-}
-
-impl Streams {
-    fn open(self: &Arc<Self>, session: Hash) -> Option<Slot> {
-        let mut open = self.0.lock();
-        let all: usize = open.values().sum();
-        let own = open.get(&session).copied().unwrap_or(0);
-        if all >= MOST || own >= MOST_OF_ONE {
-            return None;
-        }
-        open.insert(session.clone(), own + 1);
-        Some(Slot {
-            streams: self.clone(),
-            session,
-        })
-    }
-}
-
-impl Drop for Slot {
-    fn drop(&mut self) {
-        let mut open = self.streams.0.lock();
-        if let Some(count) = open.get_mut(&self.session) {
-            *count -= 1;
-            if *count == 0 {
-                open.remove(&self.session);
-            }
-        }
-    }
-}
-
 struct Stream {
     app: Arc<App>,
     secret: String,
     changes: watch::Receiver<u64>,
     is_first: bool,
-    _slot: Slot,
+    _share: Share,
 }
 
 /// The stream of what holds now.
@@ -82,16 +38,13 @@ fn open(app: &Arc<App>, request: &HttpRequest) -> Result<Response, Refusal> {
         let words = "too many pages are open: close some";
         Refusal::new(StatusCode::SERVICE_UNAVAILABLE, "full", words)
     };
-    let slot = app
-        .streams
-        .open(Hash::of(&visitor.secret))
-        .ok_or_else(full)?;
+    let share = app.streams.take(&visitor.secret).ok_or_else(full)?;
     let stream = Stream {
         changes: app.watch.changes(),
         app: app.clone(),
         secret: visitor.secret,
         is_first: true,
-        _slot: slot,
+        _share: share,
     };
     let stream = futures_util::stream::unfold(stream, next);
     Ok(typed("text/event-stream", Body::from_stream(stream)))

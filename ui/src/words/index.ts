@@ -29,6 +29,11 @@ export function choose(tag: string): void {
   localStorage.setItem(STORED, current);
 }
 
+/** Whether the catalogue has words under this key. */
+export function isKey(key: string): key is Key {
+  return Object.hasOwn(en, key);
+}
+
 export function t(key: Key, values: Record<string, string | number> = {}): string {
   const text = languages[current][key];
   return text.replace(/\{(\w+)\}/g, (whole, name: string) => (name in values ? String(values[name]) : whole));
