@@ -6,7 +6,7 @@ use super::*;
 use crate::clock::Clock;
 use crate::frame::{CaptureId, Timestamp, Trigger};
 use crate::level::Level;
-use crate::recording::{CaptureRecord, Compression, Outcome, Writer};
+use crate::recording::{CaptureOutcome, CaptureRecord, Compression, Writer};
 use crate::support::wait::until;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -225,7 +225,7 @@ fn record(path: &Path, captures: &[(&str, &str)]) {
         writer.trigger(&trigger).unwrap();
         let record = CaptureRecord {
             id: (*id).into(),
-            outcome: Outcome::Complete,
+            outcome: CaptureOutcome::Complete,
             reason: None,
             skew_ns: None,
             cameras: Default::default(),
