@@ -144,7 +144,10 @@ const NO_WHOLE_BOARD: &str = "in most pictures no board was found, or only some 
 /// Whether most of the pictures show no whole board; `views` of them show one.
 fn most_show_no_whole_board(rejected: &[Rejected], views: usize) -> bool {
     let is_no_board = |rejected: &&Rejected| match rejected.cause {
-        fit::Rejection::Nothing | fit::Rejection::Few { .. } | fit::Rejection::Size { .. } => true,
+        fit::Rejection::Nothing
+        | fit::Rejection::Few { .. }
+        | fit::Rejection::TooFewOfBoard { .. }
+        | fit::Rejection::Size { .. } => true,
         fit::Rejection::Contrast { .. } => false,
     };
     let without = rejected.iter().filter(is_no_board).count();
