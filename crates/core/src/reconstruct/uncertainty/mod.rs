@@ -48,9 +48,6 @@ mod share {
     pub(super) const OF_CONTOUR: f64 = 0.5;
 }
 
-/// What is left of the error of a single reading, on a surface that many neighbours make.
-const OF_READING: f32 = 0.55;
-
 /// What the stated errors follow from.
 pub struct Evidence<'a> {
     /// The plain hull.
@@ -63,13 +60,8 @@ pub struct Evidence<'a> {
     pub cell_size: f64,
 }
 
-/// States the expected error of those vertices of a model that lie on its hull, and of those that depth restored, of
-/// which each has that of a single reading. The other vertices keep theirs.
+/// States the expected error of those vertices of a model that lie on its hull. The other vertices keep theirs.
 pub fn state_errors(model: &mut Model, evidence: &Evidence) {
-    let of_vertices = model.expected_error.iter_mut().zip(&model.provenance);
-    for (error, _) in of_vertices.filter(|(_, p)| **p == Provenance::Restored) {
-        *error *= OF_READING;
-    }
     let vertices = model.mesh.vertices.iter().zip(&model.provenance);
     let on_hull = vertices
         .zip(0..)
