@@ -18,7 +18,7 @@ pub enum Provenance {
     Restored = 2,
     /// In a concave region, over a hole in the depth.
     Bridged = 3,
-    /// In a concave region, never seen by a depth camera.
+    /// Never seen: in a concave region by no depth camera, or where only the volume cuts the object off.
     Unseen = 4,
     /// Cut by the table's plane, the volume's floor.
     Table = 5,

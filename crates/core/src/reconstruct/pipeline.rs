@@ -223,6 +223,7 @@ pub fn reconstruct_from(
             .map(|(view, found)| uncertainty::Readings {
                 camera: &view.camera,
                 depth: &found.enhanced,
+                regions: &found.regions,
             })
             .collect(),
         cell_size: lattice.cell_size,

@@ -97,18 +97,27 @@ fn lids(measured: &Measurements, parameters: &Parameters) -> Option<Reason> {
     })
 }
 
-/// What is a guess, lids and all.
+/// What is a guess: lids, and what a depth camera saw through, although it was not carved.
 fn unobserved(measured: &Measurements, parameters: &Parameters) -> Option<Reason> {
     let found = measured.model.unobserved;
-    let level = parameters.unobserved.level(found.guessed + found.lids)?;
+    let share = found.guessed + found.lids + found.seen_through;
+    let in_all = parameters.unobserved.level(share);
+    let level = in_all.max(parameters.lid_unread.level(found.seen_through))?;
+    let mut words = format!(
+        "{} of the surface were not observed: the model is a guess there",
+        percent(share)
+    );
+    if found.seen_through > 0.0 {
+        words += &format!(
+            "; of {} a depth camera read the surface more than a centimetre beneath the model's",
+            percent(found.seen_through)
+        );
+    }
     Some(Reason {
         level: parameters.unless_hull_is_wanted(level),
         code: ReasonCode::Unobserved,
         cameras: Vec::new(),
-        words: format!(
-            "{} of the surface were not observed: the model is a guess there",
-            percent(found.guessed + found.lids)
-        ),
+        words,
     })
 }
 

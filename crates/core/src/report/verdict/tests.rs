@@ -151,6 +151,7 @@ fn what_nothing_looked_into_and_what_is_guessed_is_to_be_looked_at_unless_a_hull
         measured.model.unobserved = UnobservedMeasures {
             guessed,
             lids,
+            seen_through: 0.0,
             under_lids: 120e-6,
         };
         measured
@@ -164,6 +165,10 @@ fn what_nothing_looked_into_and_what_is_guessed_is_to_be_looked_at_unless_a_hull
     assert_eq!(amber(&of(0.13, 0.045)), []);
     assert_eq!(amber(&of(0.0, 0.06)), [ReasonCode::LidUnread]);
     assert_eq!(amber(&of(0.15, 0.045)), [ReasonCode::Unobserved]);
+    // A reading beneath the surface is no less than none.
+    let mut seen_through = of(0.0, 0.0);
+    seen_through.model.unobserved.seen_through = 0.06;
+    assert_eq!(amber(&seen_through), [ReasonCode::Unobserved]);
     let both = of(0.3, 0.06);
     assert_eq!(
         amber(&both),
