@@ -3,6 +3,7 @@
 use super::{Level, Parameters, Reason, ReasonCode, about_cameras, mm, percent};
 use crate::frame::CameraId;
 use crate::reconstruct::Method;
+use crate::reconstruct::region::BiasSource;
 use crate::report::{DepthMeasures, Measurements, RegionMeasures};
 
 pub(super) fn judge(measured: &Measurements, parameters: &Parameters, into: &mut Vec<Reason>) {
@@ -38,6 +39,7 @@ pub(super) fn judge(measured: &Measurements, parameters: &Parameters, into: &mut
         });
     }
     about_bias(&seeing, parameters, into);
+    into.extend(unchecked(&seeing));
     about_regions(&seeing, parameters, into);
     if !seeing.is_empty() {
         into.extend(lids(measured, parameters));
@@ -143,6 +145,26 @@ fn about_bias(seeing: &[&DepthMeasures], parameters: &Parameters, into: &mut Vec
         }
         reason
     }));
+}
+
+/// Depth cameras that carved although neither the table nor the hull shows by how much they are off. The error that the
+/// model states includes it.
+fn unchecked(seeing: &[&DepthMeasures]) -> Option<Reason> {
+    let is_unchecked =
+        |d: &&&DepthMeasures| d.regions.is_some() && d.bias.source == BiasSource::None;
+    let found: Vec<_> = seeing.iter().filter(is_unchecked).collect();
+    let most = found.iter().map(|d| d.bias.remaining).reduce(f64::max)?;
+    let names: Vec<&str> = found.iter().map(|d| d.camera.as_str()).collect();
+    Some(Reason {
+        level: Level::Green,
+        code: ReasonCode::DepthUnchecked,
+        cameras: found.iter().map(|d| d.camera.clone()).collect(),
+        words: format!(
+            "nothing in the capture shows by how much the depth is off: {}; it may be up to {}, and so may the hollows",
+            names.join(", "),
+            mm(most)
+        ),
+    })
 }
 
 fn about_regions(seeing: &[&DepthMeasures], parameters: &Parameters, into: &mut Vec<Reason>) {

@@ -4,10 +4,11 @@ use super::*;
 use crate::capture::{ColorFacts, LeftOutCamera, Silhouette};
 use crate::frame::{CaptureId, Timestamp};
 use crate::mesh;
+use crate::reconstruct::region::BiasSource;
 use crate::reconstruct::{Method, Provenance, silhouette};
 use crate::report::{
     ColorMeasures, Consistency, Exchanged, ModelMeasures, MovedCamera, ProvenanceMeasures,
-    UnobservedMeasures,
+    RegionMeasures, UnobservedMeasures,
 };
 
 fn id(name: &str) -> CameraId {
@@ -181,6 +182,36 @@ fn what_nothing_looked_into_and_what_is_guessed_is_to_be_looked_at_unless_a_hull
         words.any(|w| w.contains("up to 120 cubic centimetres below it")),
         "{wanted:?}"
     );
+}
+
+#[test]
+fn a_hollow_whose_depth_nothing_checks_is_told() {
+    let of = |source| {
+        let mut measured = measured();
+        measured.depth_cameras = 1;
+        let mut depth = crate::report::DepthMeasures::nothing(id("kinect"));
+        depth.facts.measured = 1000;
+        (depth.bias.source, depth.bias.remaining) = (source, 8e-3);
+        depth.regions = Some(RegionMeasures {
+            count: 1,
+            pixels: 1000,
+            share: 0.5,
+            coverage: 0.9,
+            filled: 0.1,
+            empty: 0.0,
+            median_depth: 0.02,
+            greatest_depth: 0.04,
+            model_behind_depth: 0.0,
+            disagreement: 0.5e-3,
+        });
+        measured.depths = vec![depth];
+        judged(&measured, &capture())
+    };
+    assert_eq!(codes(&of(BiasSource::Table), Level::Green), []);
+    let verdict = of(BiasSource::None);
+    assert_eq!(codes(&verdict, Level::Green), [ReasonCode::DepthUnchecked]);
+    let words = &verdict.reasons[0].words;
+    assert!(words.contains("kinect; it may be up to 8.0 mm"), "{words}");
 }
 
 #[test]
