@@ -63,6 +63,9 @@ const ROUNDS_TO_SETTLE: [usize; 2] = [2, 12];
 /// ridges between them stand off by many cells.
 const SETTLED: f64 = 1e-3;
 
+/// Pixels by which a flat side may lie outside an outline.
+const OUTSIDE_PX: f64 = 0.5;
+
 struct RefinementLevel {
     cells: u32,
     rounds: usize,
@@ -154,17 +157,14 @@ pub fn fair_hull(
     let times = reduced::times(lattice.cell_size, footprint);
     let pixel = footprint * times as f64;
     let cones = hull.cones();
-    let reduced: Vec<Reduced> = if times > 1 {
-        let reduce = |cone| Reduced::new(cone, times);
-        cones.par_iter().filter_map(reduce).collect()
-    } else {
-        Vec::new()
-    };
-    let contours: Vec<Contour> = if times > 1 {
-        reduced.par_iter().map(Reduced::contour).collect()
-    } else {
-        cones.par_iter().map(Contour::of).collect()
-    };
+    let reduce = |cone| (times > 1).then(|| Reduced::new(cone, times)).flatten();
+    let reduced: Vec<Option<Reduced>> = cones.par_iter().map(reduce).collect();
+    // A camera whose lens cannot be reduced binds as it is: without it, the surface might leave its cone.
+    let contours: Vec<Contour> = cones
+        .par_iter()
+        .zip(&reduced)
+        .map(|(cone, reduced)| Reduced::contour_or(reduced.as_ref(), cone))
+        .collect();
     let radius = 0.5 * (high - low).cast::<f64>().norm() / 3f64.sqrt();
     if radius < SMALLEST_RADIUS_PX * pixel {
         let radius_px = radius / pixel;
@@ -189,7 +189,10 @@ pub fn fair_hull(
         let cell_size = lattice.cell_size * f64::from(level.cells);
         let start = shape.positions.clone();
         if let Some(sides) = &sides {
-            shape.put_on(sides);
+            shape.put_on(sides, |p| {
+                let outside = |c: &Contour| c.inside_px(p).is_some_and(|px| px < -OUTSIDE_PX);
+                !contours.iter().any(outside)
+            });
         }
         let is_first = coarse.is_none();
         if let Some(coarse) = coarse.take() {
