@@ -9,7 +9,8 @@ use crate::mesh::{Bvh, Mesh};
 use nalgebra::{Point2, Point3};
 use rayon::prelude::*;
 
-/// How much farther than the hull's outlines those of a patch may be from the contours, in pixels (root mean square).
+/// How much farther than the hull's outlines those of a patch may be from the contours, in pixels of the pictures (root
+/// mean square).
 const LIMIT_PX: f64 = 0.3;
 /// An outline is looked for this many pixels along the contour.
 const WINDOW_PX: i64 = 4;
@@ -33,16 +34,20 @@ struct Piece {
 }
 
 /// Decides for each place between the faired positions of `shape` and the hull's, `before`, and measures; refuses where
-/// most of it has to stay the hull.
+/// most of it has to stay the hull. A pixel of `contours` is `times` pixels of the pictures.
 pub(super) fn keep_hull(
     shape: &mut Shape,
     before: &[Point3<f64>],
     contours: &[Contour],
+    times: f64,
 ) -> Result<Facts, Refusal> {
     let of_contour = |c: &Contour| pieces(shape, before, c);
     let of_contours: Vec<Vec<Piece>> = contours.par_iter().map(of_contour).collect();
     let pieces: Vec<Piece> = of_contours.into_iter().flatten().collect();
-    let (disagreeing, thin) = (disagreeing(shape, &pieces), too_thin(shape, before));
+    let (disagreeing, thin) = (
+        disagreeing(shape, &pieces, LIMIT_PX / times),
+        too_thin(shape, before),
+    );
     let either: Vec<bool> = disagreeing.iter().zip(&thin).map(|(d, t)| d | t).collect();
     let areas = shape.areas();
     let area: f64 = areas.iter().sum();
@@ -68,8 +73,8 @@ pub(super) fn keep_hull(
     let moved = |v: &usize| (shape.positions[*v] - before[*v]).norm() > 0.5e-3;
     let (rms, p99) = statistics(&pieces);
     Ok(Facts {
-        contour_rms_px: rms,
-        contour_p99_px: p99,
+        contour_rms_px: times * rms,
+        contour_p99_px: times * p99,
         kept,
         moved_area: (0..shape.len()).filter(moved).map(|v| areas[v]).sum(),
         area,
@@ -154,8 +159,8 @@ fn answering(
     least.map(|s| s.2)
 }
 
-/// Around which vertices the outlines became worse than the hull's by more than is allowed.
-fn disagreeing(shape: &Shape, pieces: &[Piece]) -> Vec<bool> {
+/// Around which vertices the outlines became worse than the hull's by more than `limit_px`.
+fn disagreeing(shape: &Shape, pieces: &[Piece], limit_px: f64) -> Vec<bool> {
     let mut sums = vec![[0.0; 2]; shape.len()];
     for piece in pieces {
         let excess = (piece.faired - piece.hull).max(0.0);
@@ -171,7 +176,7 @@ fn disagreeing(shape: &Shape, pieces: &[Piece]) -> Vec<bool> {
         };
         sums = (0..shape.len()).map(spread).collect();
     }
-    let beyond = |[squares, length]: &[f64; 2]| *squares > LIMIT_PX * LIMIT_PX * length;
+    let beyond = |[squares, length]: &[f64; 2]| *squares > limit_px * limit_px * length;
     sums.iter().map(beyond).collect()
 }
 

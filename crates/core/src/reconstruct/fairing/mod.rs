@@ -84,10 +84,11 @@ pub struct Faired {
 /// How a fairing came out.
 #[derive(Clone, Copy, Debug, Default, PartialEq, serde::Serialize)]
 pub struct Facts {
-    /// Root mean square distance of the contours to the faired hull's outlines, the nearest within four pixels along
-    /// them, in pixels; where there is none, it counts as three.
+    /// Root mean square distance of the contours to the faired hull's outlines, in pixels of the pictures: the nearest
+    /// within four pixels along them; where there is none, it counts as three. Where pixels were put together, because a
+    /// cell of the hull is longer than four, these four and three are such larger pixels.
     pub contour_rms_px: f64,
-    /// What 99 % of these distances are below, in pixels.
+    /// What 99 % of these distances are below, in pixels of the pictures.
     pub contour_p99_px: f64,
     /// Share of the surface that stays the hull, because outlines do not agree there.
     pub kept: f64,
@@ -220,7 +221,7 @@ pub fn fair_hull(
     }
     let (mut shape, start) = last.ok_or(Refusal::TooThin)?;
     shape.direct();
-    let facts = accept::keep_hull(&mut shape, &start, &contours)?;
+    let facts = accept::keep_hull(&mut shape, &start, &contours, times as f64)?;
     let body = Body::new(&shape, sides, *lattice, hull.bounds().clone());
     Ok(Faired { body, facts })
 }
