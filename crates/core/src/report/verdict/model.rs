@@ -2,7 +2,7 @@
 
 use super::{Level, Limits, Parameters, Reason, ReasonCode, percent};
 use crate::reconstruct::Provenance;
-use crate::report::Measurements;
+use crate::report::{Measurements, ModelMeasures};
 use crate::words;
 
 /// Cubic metres that may stay unproved unsaid: a cube of 4 mm.
@@ -87,10 +87,16 @@ pub(super) fn judge(measured: &Measurements, parameters: &Parameters, into: &mut
     );
     let unpainted = 1.0 - model.textured.unwrap_or(1.0);
     into.extend(beyond(&parameters.unpainted, unpainted).map(|(level, v)| {
-        let words = format!(
-            "no camera saw {} of the model: its colours there are not observed",
-            percent(v)
-        );
+        let words = if does_not_fit(model) {
+            "the pictures do not fit into the texture, which texture.largest_side limits: the model has no colours of \
+             the cameras"
+                .to_owned()
+        } else {
+            format!(
+                "no camera saw {} of the model: its colours there are not observed",
+                percent(v)
+            )
+        };
         reason(level, ReasonCode::Unpainted, words)
     }));
     for (count, from) in [
@@ -111,4 +117,9 @@ pub(super) fn judge(measured: &Measurements, parameters: &Parameters, into: &mut
             ));
         }
     }
+}
+
+/// Whether a model's pictures did not fit into its atlas: that is a single texel then.
+fn does_not_fit(model: &ModelMeasures) -> bool {
+    model.atlas.is_some_and(|atlas| atlas.size == [1, 1])
 }

@@ -6,6 +6,7 @@ use crate::frame::{CaptureId, Timestamp};
 use crate::mesh;
 use crate::reconstruct::region::BiasSource;
 use crate::reconstruct::{Method, Provenance, silhouette};
+use crate::report::measure::AtlasMeasures;
 use crate::report::{
     ColorMeasures, Consistency, Exchanged, ModelMeasures, MovedCamera, ProvenanceMeasures,
     RegionMeasures, UnobservedMeasures,
@@ -228,6 +229,21 @@ fn a_model_that_expects_a_large_error_is_to_be_looked_at() {
         verdict.reasons[0].words.contains("1.9 mm on average"),
         "{verdict:?}"
     );
+}
+
+#[test]
+fn pictures_that_do_not_fit_into_the_texture_are_told_and_no_camera_is_blamed() {
+    let mut measured = measured();
+    measured.model.textured = Some(0.0);
+    measured.model.atlas = Some(AtlasMeasures {
+        size: [1, 1],
+        used: 0.0,
+        texel_size: None,
+    });
+    let verdict = judged(&measured, &capture());
+    assert_eq!(codes(&verdict, Level::Amber), [ReasonCode::Unpainted]);
+    let words = &verdict.reasons[0].words;
+    assert!(words.contains("texture.largest_side"), "{words}");
 }
 
 #[test]
