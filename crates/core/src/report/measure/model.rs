@@ -5,6 +5,10 @@ use crate::mesh::{self, Mesh, bounding_box, check, components};
 use crate::reconstruct::{Provenance, Reconstruction, Scene, fairing};
 use serde::Serialize;
 
+/// What a person who reads the report of a faired model must know.
+const FAIRING_REMARK: &str = "Relief that shows in no outline is not measured: between outlines the hull was made smooth, \
+    and a groove or a shallow relief is in the model only where a depth camera read a hollow.";
+
 /// The figures of a model.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct ModelMeasures {
@@ -34,6 +38,9 @@ pub struct ModelMeasures {
     /// How the fairing of the hull came out; `None` where the model is made of the plain hull.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub fairing: Option<fairing::Facts>,
+    /// What nothing measured where the hull was faired; `None` where it was not.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub fairing_remark: Option<&'static str>,
     /// Why the hull was not faired; `None` where it was, or where fairing is switched off.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub fairing_refused: Option<String>,
@@ -93,6 +100,7 @@ impl ModelMeasures {
             dropped_carved_pieces: made.dropped_carved_pieces,
             closed_openings: made.closed_openings,
             fairing: made.fairing.as_ref().and_then(|f| f.as_ref().ok().copied()),
+            fairing_remark: matches!(made.fairing, Some(Ok(_))).then_some(FAIRING_REMARK),
             fairing_refused: made
                 .fairing
                 .as_ref()

@@ -55,6 +55,7 @@ fn measured() -> Measurements {
             dropped_carved_pieces: 0,
             closed_openings: 0,
             fairing: None,
+            fairing_remark: None,
             fairing_refused: None,
             unproved_volume: None,
             handles_of_depth: 0,
