@@ -1,8 +1,9 @@
 //! The expected error of the hull's vertices, from the silhouettes around each. `touch` finds the viewing edge through
 //! a vertex and where the true surface touches it, `depth_of_surface` computes how far the surface then lies beneath
-//! the vertex, `readings` tells what depth cameras read of it, `hollow` what may hide beneath a lid, and `patches`
-//! spreads the results of some vertices over all. Nothing here moves a vertex.
+//! the vertex, `readings` tells what depth cameras read of it, `hollow` what may hide beneath a lid, `cut` where the
+//! volume cuts the object, and `patches` spreads the results of some vertices over all. Nothing here moves a vertex.
 
+mod cut;
 mod depth_of_surface;
 mod hollow;
 mod patches;
@@ -15,7 +16,7 @@ use super::fairing::Body;
 use super::hull::Hull;
 use super::{Model, Provenance};
 use crate::mesh::{Bvh, Mesh};
-use hollow::Bound;
+use cut::Outlined;
 pub use hollow::may_be_lid;
 use nalgebra::{Point3, Vector3};
 use patches::Patches;
@@ -53,10 +54,6 @@ mod share {
     pub(super) const OF_CONTOUR: f64 = 0.5;
 }
 
-/// Pixels within which an outline bounds a place, and cells: between the vertices of a cell the hull bends.
-const OUTLINE_PX: f64 = 3.0;
-const OUTLINE_CELLS: f64 = 2.0;
-
 /// What the stated errors follow from.
 pub struct Evidence<'a> {
     /// The plain hull.
@@ -85,57 +82,124 @@ pub fn state_errors(model: &mut Model, evidence: &Evidence) {
         evidence.at(plain.as_ref(), p, model.normals[vertex])
     };
     let each: Vec<&[u32]> = patches.indices().collect();
-    let places: Vec<hollow::Place> = each.into_par_iter().map(of_patch).collect();
-    let found = hollow::with_hollows(&places);
-    let stated = places.iter().zip(patches.smoothed(&found));
-    for (indices, (place, error)) in patches.indices().zip(stated) {
+    let places: Vec<Place> = each.into_par_iter().map(of_patch).collect();
+    let known: Vec<Outlined> = places.iter().filter_map(Place::outlined).collect();
+    let found: Vec<Stated> = places
+        .par_iter()
+        .map(|place| evidence.stated(place, &known))
+        .collect();
+    let errors: Vec<f64> = found.iter().map(|stated| stated.error).collect();
+    let stated = found.iter().zip(patches.smoothed(&errors));
+    for (indices, (stated, error)) in patches.indices().zip(stated) {
         for &index in indices {
             model.expected_error[index as usize] = error as f32;
-            if place.is_guess {
+            if stated.is_guess {
                 model.provenance[index as usize] = Provenance::Unseen;
             }
         }
     }
 }
 
+/// What is stated of a place.
+#[derive(Clone, Copy)]
+struct Stated {
+    /// Its expected error, in metres.
+    error: f64,
+    /// Whether nothing observed it.
+    is_guess: bool,
+}
+
+/// A place of the model's surface that lies on the hull, and what the silhouettes around it tell.
+struct Place {
+    point: Point3<f64>,
+    normal: Vector3<f32>,
+    /// The point of the plain hull's surface that it came from.
+    on_hull: Point3<f64>,
+    /// How far fairing moved it, in metres; `None` where the hull was not faired.
+    moved: Option<f64>,
+    /// Expected error of the outlines, in metres.
+    of_contour: f64,
+    /// The viewing edge through it; `None` where it is the volume that bounds the hull.
+    edge: Option<ViewingEdge>,
+}
+
+impl Place {
+    /// It as one that an outline bounds, if one does.
+    fn outlined(&self) -> Option<Outlined> {
+        let edge = self.edge?;
+        Some(Outlined {
+            point: self.on_hull,
+            of_hull: depth_of_surface::expected(&edge).hypot(self.of_contour),
+            way_to_object: hollow::way_to_object(&edge),
+        })
+    }
+}
+
 impl Evidence<'_> {
-    /// What is known at a point of the model's surface that lies on the hull. `plain` finds places on the plain hull's
-    /// surface, where that was faired.
-    fn at(&self, plain: Option<&Bvh>, p: Point3<f64>, normal: Vector3<f32>) -> hollow::Place {
+    /// What the silhouettes tell of a point of the model's surface that lies on the hull. `plain` finds places on the
+    /// plain hull's surface, where that was faired.
+    fn at(&self, plain: Option<&Bvh>, p: Point3<f64>, normal: Vector3<f32>) -> Place {
         let above = plain.and_then(|plain| plain.closest_point(p));
         let on_hull = above.as_ref().map_or(p, |above| above.point);
-        let edge = ViewingEdge::through(self.hull, on_hull, self.cell_size);
-        let of_contour = CONTOUR_PX * self.hull.pixel_footprint(p);
-        let of_hull = edge.map_or(0.0, |edge| depth_of_surface::expected(&edge));
-        let of_hull = of_hull.hypot(of_contour);
-        let of_outside = match (&self.faired, above) {
-            (Some(faired), Some(above)) => {
-                of_faired(faired.body, p, of_hull, above.distance, of_contour)
-            }
-            _ => of_hull,
-        };
-        let reach = || {
-            self.hull
-                .reach(on_hull, -normal.cast::<f64>(), self.cell_size)
-        };
-        hollow::Place {
+        Place {
             point: p,
-            of_outside,
-            may_be_lid: hollow::may_be_lid(p, normal, &self.readings),
-            is_guess: edge.is_none() && self.is_far_from_outlines(on_hull),
-            beneath: beneath(p, normal, &self.readings).unwrap_or(0.0),
-            bound: match edge {
-                Some(edge) => Bound::Outline(hollow::way_to_object(&edge)),
-                None => Bound::Volume(reach()),
-            },
+            normal,
+            on_hull,
+            moved: above.map(|above| above.distance),
+            of_contour: CONTOUR_PX * self.hull.pixel_footprint(p),
+            edge: ViewingEdge::through(self.hull, on_hull, self.cell_size),
         }
     }
 
-    /// Whether no outline comes near a point of the hull's surface.
-    fn is_far_from_outlines(&self, p: Point3<f64>) -> bool {
-        let of_cells = OUTLINE_CELLS * self.cell_size / self.hull.pixel_footprint(p).max(1e-9);
-        let mut outlines = self.hull.outlines_near(p, OUTLINE_PX.max(of_cells));
-        outlines.next().is_none()
+    /// What is expected at a place: of the outside, half of how far the object is at most where a hollow may hide or
+    /// the volume cuts the object, and half the way to where a depth camera read it. `known` are the places that
+    /// outlines bound.
+    fn stated(&self, place: &Place, known: &[Outlined]) -> Stated {
+        let Place { point, normal, .. } = *place;
+        let own = place.outlined();
+        let is_guess = own.is_none() && self.is_cut(place, known);
+        let beside = || cut::nearest(place.on_hull, known).map(|(beside, _)| beside);
+        let outlined = own.or_else(|| beside().filter(|_| !is_guess));
+        let of_hull = outlined.map_or(place.of_contour, |outlined| outlined.of_hull);
+        let of_outside = match (&self.faired, place.moved) {
+            (Some(faired), Some(moved)) => {
+                of_faired(faired.body, point, of_hull, moved, place.of_contour)
+            }
+            _ => of_hull,
+        };
+        let may_be_lid = hollow::may_be_lid(point, normal, &self.readings);
+        let hidden = match own {
+            Some(own) if may_be_lid => own.way_to_object,
+            None if is_guess || may_be_lid => {
+                let inwards = -normal.cast::<f64>();
+                let reach = self.hull.reach(place.on_hull, inwards, self.cell_size);
+                let of_others = cut::way_to_object(place.on_hull, known);
+                if may_be_lid {
+                    reach.min(of_others)
+                } else {
+                    reach
+                }
+            }
+            _ => 0.0,
+        };
+        let beneath = beneath(point, normal, &self.readings).unwrap_or(0.0);
+        Stated {
+            error: of_outside.hypot(0.5 * hidden.hypot(beneath)),
+            is_guess,
+        }
+    }
+
+    /// Whether the volume may cut the object at a place where it bounds the hull.
+    fn is_cut(&self, place: &Place, known: &[Outlined]) -> bool {
+        let is_on_side = |faired: &FairedHull| faired.body.is_on_side(place.point);
+        if self.faired.as_ref().is_some_and(is_on_side) {
+            return false;
+        }
+        let outwards = place.normal.cast();
+        let beside = cut::nearest(place.on_hull, known);
+        beside.is_none_or(|(_, away)| {
+            cut::goes_on(self.hull, place.on_hull, outwards, away, self.cell_size)
+        })
     }
 }
 
@@ -174,12 +238,14 @@ mod tests {
         Camera::new(CameraId::new("c00").unwrap(), lens.unwrap(), pose)
     }
 
-    /// A column of 66 mm that is taller than the volume, of 0.1 m.
-    #[test]
-    fn what_the_volume_cuts_off_was_not_seen_and_is_known_least() {
+    /// What a column that is 66 mm wide states of points of its surface, from what it is seen as: pixels of each row
+    /// of the pictures that are object.
+    fn stated(
+        is_object: impl Fn(usize, usize) -> bool,
+        vertices: [(Point3<f32>, Vector3<f32>); 2],
+    ) -> Model {
         let cameras = [Point3::new(0.0, -0.5, 0.05), Point3::new(0.5, 0.0, 0.05)].map(camera);
-        let is_object = |x: usize| (80..120).contains(&x);
-        let level = Grid::from_fn(200, 200, |x, _| if is_object(x) { 255 } else { 0 });
+        let level = Grid::from_fn(200, 200, |x, y| if is_object(x, y) { 255 } else { 0 });
         let cones = cameras.iter().map(|c| Cone::new(c, &level)).collect();
         let low = Point3::new(-0.06, -0.06, 0.0);
         let volume = Volume::new(low, Point3::new(0.06, 0.06, 0.1)).unwrap();
@@ -190,25 +256,42 @@ mod tests {
             readings: Vec::new(),
             cell_size: 1e-3,
         };
-        let vertices = vec![Point3::new(0.0, 0.0, 0.1), Point3::new(0.033, 0.0, 0.05)];
         let mut model = Model {
             mesh: Mesh {
-                vertices,
+                vertices: vertices.map(|(p, _)| p).to_vec(),
                 triangles: Vec::new(),
             },
-            normals: vec![Vector3::z(), Vector3::x()],
+            normals: vertices.map(|(_, normal)| normal).to_vec(),
             provenance: vec![Provenance::Hull; 2],
             expected_error: vec![0.0; 2],
             ..Model::default()
         };
         state_errors(&mut model, &evidence);
-        assert_eq!(model.provenance, [Provenance::Unseen, Provenance::Hull]);
-        // Half of how far the hull reaches, which is known to a third of it.
-        assert!(
-            (0.02..0.08).contains(&model.expected_error[0]),
-            "{:?}",
-            model.expected_error
-        );
-        assert!(model.expected_error[1] < 0.03, "{:?}", model.expected_error);
+        model
+    }
+
+    #[test]
+    fn what_the_volume_cuts_off_was_not_seen_and_is_known_least() {
+        let top = (Point3::new(0.0, 0.0, 0.1), Vector3::z());
+        let side = (Point3::new(0.033, 0.0, 0.05), Vector3::x());
+        let column = stated(|x, _| (80..120).contains(&x), [top, side]);
+        assert_eq!(column.provenance, [Provenance::Unseen, Provenance::Hull]);
+        let [of_top, of_side] = [column.expected_error[0], column.expected_error[1]];
+        // Half of how far the object is at most: it is at the side.
+        assert!((0.02..0.08).contains(&of_top), "{of_top}");
+        assert!(of_side < 0.5 * of_top, "{of_side}");
+    }
+
+    #[test]
+    fn where_the_volume_cuts_what_stands_out_it_is_as_beside_the_cut() {
+        // A tip whose outlines lean inwards: 20 pixels high, it ends 8 pixels above the volume's top, at row 69.5.
+        let is_object = |x: usize, y: usize| {
+            let half = (y as f64 - 61.5).clamp(0.0, 20.0);
+            (x as f64 - 99.5).abs() < half
+        };
+        let top = (Point3::new(0.0, 0.0, 0.1), Vector3::z());
+        let slope = (Point3::new(0.0195, 0.0, 0.0923), Vector3::new(0.7, 0.0, 0.7));
+        let tip = stated(is_object, [top, slope]);
+        assert_eq!(tip.provenance, [Provenance::Hull; 2]);
     }
 }

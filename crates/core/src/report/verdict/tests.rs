@@ -6,10 +6,9 @@ use crate::frame::{CaptureId, Timestamp};
 use crate::mesh;
 use crate::reconstruct::region::BiasSource;
 use crate::reconstruct::{Method, Provenance, silhouette};
-use crate::report::measure::AtlasMeasures;
 use crate::report::{
-    ColorMeasures, Consistency, Exchanged, ModelMeasures, MovedCamera, ProvenanceMeasures,
-    RegionMeasures, UnobservedMeasures,
+    AtlasMeasures, ColorMeasures, Consistency, Exchanged, ModelMeasures, MovedCamera,
+    ProvenanceMeasures, RegionMeasures, UnobservedMeasures,
 };
 
 fn id(name: &str) -> CameraId {
