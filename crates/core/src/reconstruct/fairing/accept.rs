@@ -9,8 +9,8 @@ use crate::mesh::{Bvh, Mesh};
 use nalgebra::{Point2, Point3};
 use rayon::prelude::*;
 
-/// How much farther than the hull's outlines those of a patch may be from the contours, in pixels of the pictures (root
-/// mean square).
+/// How much farther than the hull's outlines those of a patch may be from the contours, in pixels (root mean square);
+/// where pixels are put together, in those. `design/surface.md` has what smaller limits did.
 const LIMIT_PX: f64 = 0.3;
 /// An outline is looked for this many pixels along the contour.
 const WINDOW_PX: i64 = 4;
@@ -44,10 +44,7 @@ pub(super) fn keep_hull(
     let of_contour = |c: &Contour| pieces(shape, before, c);
     let of_contours: Vec<Vec<Piece>> = contours.par_iter().map(of_contour).collect();
     let pieces: Vec<Piece> = of_contours.into_iter().flatten().collect();
-    let (disagreeing, thin) = (
-        disagreeing(shape, &pieces, LIMIT_PX / times),
-        too_thin(shape, before),
-    );
+    let (disagreeing, thin) = (disagreeing(shape, &pieces), too_thin(shape, before));
     let either: Vec<bool> = disagreeing.iter().zip(&thin).map(|(d, t)| d | t).collect();
     let areas = shape.areas();
     let area: f64 = areas.iter().sum();
@@ -159,8 +156,8 @@ fn answering(
     least.map(|s| s.2)
 }
 
-/// Around which vertices the outlines became worse than the hull's by more than `limit_px`.
-fn disagreeing(shape: &Shape, pieces: &[Piece], limit_px: f64) -> Vec<bool> {
+/// Around which vertices the outlines became worse than the hull's by more than is allowed.
+fn disagreeing(shape: &Shape, pieces: &[Piece]) -> Vec<bool> {
     let mut sums = vec![[0.0; 2]; shape.len()];
     for piece in pieces {
         let excess = (piece.faired - piece.hull).max(0.0);
@@ -176,7 +173,7 @@ fn disagreeing(shape: &Shape, pieces: &[Piece], limit_px: f64) -> Vec<bool> {
         };
         sums = (0..shape.len()).map(spread).collect();
     }
-    let beyond = |[squares, length]: &[f64; 2]| *squares > limit_px * limit_px * length;
+    let beyond = |[squares, length]: &[f64; 2]| *squares > LIMIT_PX * LIMIT_PX * length;
     sums.iter().map(beyond).collect()
 }
 
