@@ -29,7 +29,7 @@ pub(super) fn judge(measured: &Measurements, parameters: &Parameters, into: &mut
         );
         reason(level, ReasonCode::HolesBridged, words)
     }));
-    let expected_mm = 1e3 * model.mean_expected_error();
+    let expected_mm = 1e3 * model.mean_expected_error;
     into.extend(
         beyond(&parameters.expected_mm, expected_mm).map(|(level, v)| {
             let words = format!("the expected error of the model is {v:.1} mm on average");

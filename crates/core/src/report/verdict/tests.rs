@@ -47,6 +47,7 @@ fn measured() -> Measurements {
                 share: 1.0,
                 mean_expected_error: 1e-4,
             }],
+            mean_expected_error: 1e-4,
             unobserved: UnobservedMeasures::default(),
             textured: Some(0.9),
             atlas: None,
@@ -219,7 +220,7 @@ fn a_hollow_whose_depth_nothing_checks_is_told() {
 fn a_model_that_expects_a_large_error_is_to_be_looked_at() {
     let mut measured = measured();
     let mut of = |metres| {
-        measured.model.provenance[0].mean_expected_error = metres;
+        measured.model.mean_expected_error = metres;
         judged(&measured, &capture())
     };
     assert_eq!(of(1.1e-3).level, Level::Green);
