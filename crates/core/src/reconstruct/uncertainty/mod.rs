@@ -173,11 +173,10 @@ impl Evidence<'_> {
             None if is_guess || may_be_lid => {
                 let inwards = -normal.cast::<f64>();
                 let reach = self.hull.reach(place.on_hull, inwards, self.cell_size);
-                let of_others = cut::way_to_object(place.on_hull, known);
-                if may_be_lid {
-                    reach.min(of_others)
-                } else {
+                if is_guess {
                     reach
+                } else {
+                    reach.min(cut::way_to_object(place.on_hull, known))
                 }
             }
             _ => 0.0,
@@ -290,7 +289,10 @@ mod tests {
             (x as f64 - 99.5).abs() < half
         };
         let top = (Point3::new(0.0, 0.0, 0.1), Vector3::z());
-        let slope = (Point3::new(0.0195, 0.0, 0.0923), Vector3::new(0.7, 0.0, 0.7));
+        let slope = (
+            Point3::new(0.0195, 0.0, 0.0923),
+            Vector3::new(0.7, 0.0, 0.7),
+        );
         let tip = stated(is_object, [top, slope]);
         assert_eq!(tip.provenance, [Provenance::Hull; 2]);
     }
