@@ -3,7 +3,7 @@
 use crate::statistics::interpolated_quantile;
 use serde::Serialize;
 
-/// Distances in millimetres, in four figures.
+/// Distances in millimetres, in five figures.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Summary {
     /// How many there are.
@@ -14,6 +14,8 @@ pub struct Summary {
     pub median_mm: f64,
     /// Nine of ten are below.
     pub p90_mm: f64,
+    /// 99 of 100 are below.
+    pub p99_mm: f64,
     /// The largest.
     pub max_mm: f64,
 }
@@ -27,6 +29,7 @@ impl Summary {
             mean_mm: sorted.mean()?,
             median_mm: sorted.quantile(0.5)?,
             p90_mm: sorted.quantile(0.9)?,
+            p99_mm: sorted.quantile(0.99)?,
             max_mm: *sorted.0.last()?,
         })
     }
@@ -72,6 +75,7 @@ mod tests {
             (11, 5.0, 5.0)
         );
         assert_eq!((summary.p90_mm, summary.max_mm), (9.0, 10.0));
+        assert!((summary.p99_mm - 9.9).abs() < 1e-12);
         assert_eq!(Sorted::new([1.0, 2.0]).quantile(0.25), Some(1.25));
         assert_eq!(Summary::of([]), None);
         assert_eq!(share(&[1, 2, 3, 4], |&v| v > 1), 0.75);

@@ -54,8 +54,8 @@ pub fn summary_head(out: &mut String) {
     line(
         out,
         &format!(
-            "\n{:24}{:>9}{:>9}{:>9}{:>9}{:>9}",
-            "mm", "samples", "mean", "median", "p90", "max"
+            "\n{:24}{:>9}{:>9}{:>9}{:>9}{:>9}{:>9}",
+            "mm", "samples", "mean", "median", "p90", "p99", "max"
         ),
     );
 }
@@ -66,8 +66,8 @@ pub fn summary(out: &mut String, name: &str, summary: Option<Summary>) {
         line(
             out,
             &format!(
-                "{name:24}{:>9}{:>9.3}{:>9.3}{:>9.3}{:>9.3}",
-                s.samples, s.mean_mm, s.median_mm, s.p90_mm, s.max_mm
+                "{name:24}{:>9}{:>9.3}{:>9.3}{:>9.3}{:>9.3}{:>9.3}",
+                s.samples, s.mean_mm, s.median_mm, s.p90_mm, s.p99_mm, s.max_mm
             ),
         );
     }

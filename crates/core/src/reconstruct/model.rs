@@ -18,7 +18,7 @@ pub enum Provenance {
     Restored = 2,
     /// In a concave region, over a hole in the depth.
     Bridged = 3,
-    /// In a concave region, never seen by a depth camera.
+    /// Never seen: in a concave region by no depth camera, or where only the volume cuts the object off.
     Unseen = 4,
     /// Cut by the table's plane, the volume's floor.
     Table = 5,
@@ -63,7 +63,8 @@ pub struct Texture {
     pub corner_uv: Vec<[[f32; 2]; 3]>,
     /// For each vertex its colour.
     pub vertex_colors: Vec<[u8; 3]>,
-    /// For each triangle whether a camera saw it; the others are grey, or have the colours around them.
+    /// For each triangle whether a camera saw it and the atlas shows it; the others are grey, or have the colours around
+    /// them. No triangle where the pictures do not fit into the atlas, which is a single texel then.
     pub seen: Vec<bool>,
 }
 

@@ -6,7 +6,7 @@ use super::hull::{self, Cone, ExtractedSurface, Fairing, Hull};
 use super::region::{self, Bias, HullRenderings, Regions};
 use super::restore::{self, Restored, Source, Template};
 use super::silhouette::{self, Silhouette};
-use super::surface::{Lattice, Solid, Surface};
+use super::surface::{Lattice, Solid};
 use super::texture;
 use super::uncertainty::{self, FairedHull};
 use super::{FusedCaptures, Model, Progress, Scene, Stage, Texture};
@@ -195,7 +195,11 @@ pub fn reconstruct_from(
         parameters: &parameters.hull,
         front_threshold: parameters.region.front_threshold,
     };
-    let mut depths = depths(scene, fused_captures, &start.surface, parameters, &begin)?;
+    let hulls = Hulls {
+        plain: &extracted.surface.mesh,
+        start: &start.surface.mesh,
+    };
+    let mut depths = depths(scene, fused_captures, &hulls, parameters, &begin)?;
     let regions = depths.iter_mut().map(|d| (&d.enhanced, &mut d.regions));
     fused_captures.leave_each_region_to_one(&mut regions.collect::<Vec<_>>());
 
@@ -216,6 +220,7 @@ pub fn reconstruct_from(
             .map(|(view, found)| uncertainty::Readings {
                 camera: &view.camera,
                 depth: &found.enhanced,
+                regions: &found.regions,
             })
             .collect(),
         cell_size: lattice.cell_size,
@@ -389,26 +394,39 @@ fn misplaced_volume(
     })
 }
 
+/// The surfaces that depth is compared with.
+struct Hulls<'a> {
+    /// That of the plain hull, which contains the object.
+    plain: &'a Mesh,
+    /// That which regions are found on: the faired hull, if there is one.
+    start: &'a Mesh,
+}
+
 /// Enhances each depth view and finds its regions.
 fn depths(
     scene: &Scene,
     fused_captures: &FusedCaptures,
-    hull: &Surface,
+    hulls: &Hulls,
     parameters: &Parameters,
     begin: &dyn Fn(Stage) -> Result<(), Error>,
 ) -> Result<Vec<DepthResult>, Error> {
     if parameters.method == Method::Hull {
         return Ok(Vec::new());
     }
-    let normals = vertex_normals(&hull.mesh);
+    let normals = vertex_normals(hulls.start);
     let threshold = parameters.region.front_threshold;
     let mut seen: Vec<DepthOfHull> = Vec::new();
     for (i, view) in scene.depths.iter().enumerate() {
-        let front = HullRenderings::render(&hull.mesh, &normals, &view.camera, threshold);
+        let front = HullRenderings::render(hulls.start, &normals, &view.camera, threshold);
         let object = front.object_pixels(OBJECT_MARGIN_PX);
         let enhanced = depth::enhance(view, &object, &parameters.depth)?;
         let (view, volume) = fused_captures.depth_in_its_rig(scene, i);
-        let bias = region::bias(&front, view, &enhanced, volume, &object, &parameters.region);
+        let camera = &scene.depths[i].camera;
+        let plain = || {
+            let normals = vertex_normals(hulls.plain);
+            HullRenderings::render(hulls.plain, &normals, camera, threshold)
+        };
+        let bias = region::bias(plain, view, &enhanced, volume, &object, &parameters.region);
         seen.push(DepthOfHull {
             front,
             object,

@@ -13,8 +13,8 @@ pub use document::{
     FailedCapture, Failure, Origin, Report, ReportOutcome, StageTime, Timing, VERSION, to_json,
 };
 pub use measure::{
-    ColorMeasures, Consistency, DepthMeasures, Exchanged, Measurements, ModelMeasures, MovedCamera,
-    ProvenanceMeasures, RegionMeasures, UnobservedMeasures, measure,
+    AtlasMeasures, ColorMeasures, Consistency, DepthMeasures, Exchanged, Measurements,
+    ModelMeasures, MovedCamera, ProvenanceMeasures, RegionMeasures, UnobservedMeasures, measure,
 };
 pub use preview::{CaptureViews, picture_of, preview, preview_object, stamp};
 pub use verdict::{Limits, Parameters, Reason, ReasonCode, Verdict, judge};

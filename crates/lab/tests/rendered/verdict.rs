@@ -103,6 +103,11 @@ fn a_sound_capture_is_green_and_its_report_is_as_published() {
     );
     let report: Value = serde_json::from_str(&to_json(&report).unwrap()).unwrap();
     assert_eq!(violations(&report, "done"), [""; 0]);
+    let model = &report["model"];
+    let is_told = model["fairing_remark"]
+        .as_str()
+        .is_some_and(|remark| remark.starts_with("Relief that shows in no outline"));
+    assert_eq!(is_told, model["fairing"].is_object(), "{model}");
 
     let sheet = preview(&scene, &made, &verdict, &about);
     assert_eq!(sheet.width(), 1920);

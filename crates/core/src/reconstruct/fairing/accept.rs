@@ -9,7 +9,8 @@ use crate::mesh::{Bvh, Mesh};
 use nalgebra::{Point2, Point3};
 use rayon::prelude::*;
 
-/// How much farther than the hull's outlines those of a patch may be from the contours, in pixels (root mean square).
+/// How much farther than the hull's outlines those of a patch may be from the contours, in pixels (root mean square);
+/// where pixels are put together, in those. `design/surface.md` has what smaller limits did.
 const LIMIT_PX: f64 = 0.3;
 /// An outline is looked for this many pixels along the contour.
 const WINDOW_PX: i64 = 4;
@@ -33,11 +34,12 @@ struct Piece {
 }
 
 /// Decides for each place between the faired positions of `shape` and the hull's, `before`, and measures; refuses where
-/// most of it has to stay the hull.
+/// most of it has to stay the hull. A pixel of `contours` is `times` pixels of the pictures.
 pub(super) fn keep_hull(
     shape: &mut Shape,
     before: &[Point3<f64>],
     contours: &[Contour],
+    times: f64,
 ) -> Result<Facts, Refusal> {
     let of_contour = |c: &Contour| pieces(shape, before, c);
     let of_contours: Vec<Vec<Piece>> = contours.par_iter().map(of_contour).collect();
@@ -68,8 +70,8 @@ pub(super) fn keep_hull(
     let moved = |v: &usize| (shape.positions[*v] - before[*v]).norm() > 0.5e-3;
     let (rms, p99) = statistics(&pieces);
     Ok(Facts {
-        contour_rms_px: rms,
-        contour_p99_px: p99,
+        contour_rms_px: times * rms,
+        contour_p99_px: times * p99,
         kept,
         moved_area: (0..shape.len()).filter(moved).map(|v| areas[v]).sum(),
         area,

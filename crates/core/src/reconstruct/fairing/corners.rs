@@ -37,13 +37,16 @@ pub(super) fn needed(points: &[Point3<f64>], contours: &[Contour]) -> Vec<Point3
         }
         left = retreats.keys().copied().collect();
         let least = retreats.iter().min_by(|a, b| a.1.total_cmp(b.1));
-        match least {
-            Some((&v, &retreat)) if retreat < NEEDED_PX => left.retain(|&other| other != v),
+        let removed = match least {
+            Some((&v, &retreat)) if retreat < NEEDED_PX => v,
             _ => break,
-        }
+        };
+        left.retain(|&other| other != removed);
+        // An outline that the point is not on stays as it is.
         outlines
             .par_iter_mut()
             .zip(&pictures)
+            .filter(|(outline, _)| outline.iter().any(|(v, _)| *v == removed))
             .for_each(|(outline, picture)| *outline = outline_of(picture, &left));
     }
     left.iter().map(|&v| points[v as usize].cast()).collect()

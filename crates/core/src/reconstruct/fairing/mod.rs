@@ -66,6 +66,9 @@ const ROUNDS_TO_SETTLE: [usize; 2] = [2, 12];
 /// the ridges between them stand off by many cells.
 const SETTLED: f64 = 1e-3;
 
+/// Pixels by which a flat side may lie outside an outline.
+const OUTSIDE_PX: f64 = 0.5;
+
 struct RefinementLevel {
     cells: u32,
     rounds: usize,
@@ -84,10 +87,11 @@ pub struct Faired {
 /// How a fairing came out.
 #[derive(Clone, Copy, Debug, Default, PartialEq, serde::Serialize)]
 pub struct Facts {
-    /// Root mean square distance of the contours to the faired hull's outlines, the nearest within four pixels along
-    /// them, in pixels; where there is none, it counts as three.
+    /// Root mean square distance of the contours to the faired hull's outlines, in pixels of the pictures: the nearest
+    /// within four pixels along them; where there is none, it counts as three. Where pixels were put together, because a
+    /// cell of the hull is longer than four, these four and three are such larger pixels.
     pub contour_rms_px: f64,
-    /// What 99 % of these distances are below, in pixels.
+    /// What 99 % of these distances are below, in pixels of the pictures.
     pub contour_p99_px: f64,
     /// Share of the surface that stays the hull, because outlines do not agree there.
     pub kept: f64,
@@ -161,12 +165,15 @@ pub fn fair_hull(
         let radius_px = radius / pixel;
         return Err(Refusal::TooSmall { radius_px });
     }
-    let reduced = reduced_silhouettes(hull, times);
-    let contours: Vec<Contour> = if times > 1 {
-        reduced.par_iter().map(Reduced::contour).collect()
-    } else {
-        hull.cones().par_iter().map(Contour::of).collect()
-    };
+    let cones = hull.cones();
+    let reduce = |cone| (times > 1).then(|| Reduced::new(cone, times)).flatten();
+    let reduced: Vec<Option<Reduced>> = cones.par_iter().map(reduce).collect();
+    // A camera whose lens cannot be reduced binds as it is: without it, the surface might leave its cone.
+    let contours: Vec<Contour> = cones
+        .par_iter()
+        .zip(&reduced)
+        .map(|(cone, reduced)| Reduced::contour_or(reduced.as_ref(), cone))
+        .collect();
     let shapes = shapes_of_levels(hull, lattice, &contours, pixel, parameters)?;
     let sides = shapes
         .last()
@@ -179,18 +186,9 @@ pub fn fair_hull(
     };
     let (mut shape, start) = inputs.fair(shapes).ok_or(Refusal::TooThin)?;
     shape.update_normals();
-    let facts = accept::keep_hull(&mut shape, &start, &contours)?;
+    let facts = accept::keep_hull(&mut shape, &start, &contours, times as f64)?;
     let solid = FairedSolid::new(&shape, sides, *lattice, hull.bounds().clone());
     Ok(Faired { solid, facts })
-}
-
-/// The silhouettes with pixels so many times as large; none where these are the cones' own.
-fn reduced_silhouettes(hull: &Hull, times: usize) -> Vec<Reduced> {
-    if times <= 1 {
-        return Vec::new();
-    }
-    let reduce = |cone| Reduced::new(cone, times);
-    hull.cones().par_iter().filter_map(reduce).collect()
 }
 
 /// The hull's mesh for each of the [`LEVELS`], with the edges that silhouettes show.
@@ -233,7 +231,10 @@ impl FairingInputs<'_> {
         for (level, mut shape) in LEVELS.iter().zip(shapes) {
             let start = shape.positions.clone();
             if let Some(sides) = self.sides {
-                shape.put_on(sides);
+                shape.put_on(sides, |p| {
+                    let outside = |c: &Contour| c.inside_px(p).is_some_and(|px| px < -OUTSIDE_PX);
+                    !self.contours.iter().any(outside)
+                });
             }
             let is_first = coarse.is_none();
             if let Some(coarse) = coarse.take() {

@@ -57,8 +57,12 @@ impl Reduced {
         })
     }
 
-    pub(super) fn contour(&self) -> Contour<'_> {
-        Contour::new(&self.camera, &self.level, self.unknown.as_ref())
+    /// The contour of a reduced cone, or of the cone itself where it was not reduced.
+    pub(super) fn contour_or<'a>(reduced: Option<&'a Self>, cone: &'a Cone<'_>) -> Contour<'a> {
+        match reduced {
+            Some(own) => Contour::new(&own.camera, &own.level, own.unknown.as_ref()),
+            None => Contour::of(cone),
+        }
     }
 }
 
@@ -71,4 +75,33 @@ fn mean(values: &mut dyn Iterator<Item = u8>) -> u8 {
 
 fn largest(values: &mut dyn Iterator<Item = u8>) -> u8 {
     values.max().unwrap_or(0)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::calibration::Distortion;
+    use crate::frame::CameraId;
+    use nalgebra::Isometry3;
+
+    #[test]
+    fn a_lens_that_cannot_be_reduced_leaves_the_contour_as_it_is() {
+        let (focal, middle) = (Vector2::repeat(3.0), Vector2::repeat(19.5));
+        let lens = Intrinsics::new(40, 40, focal, middle, Distortion::default()).unwrap();
+        let id = CameraId::new("c00").unwrap();
+        let camera = Camera::new(id, lens, Isometry3::identity());
+        let level = Grid::from_fn(40, 40, |x, y| {
+            if (10..30).contains(&x) && (10..30).contains(&y) {
+                255
+            } else {
+                0
+            }
+        });
+        let cone = Cone::new(&camera, &level);
+        assert!(Reduced::new(&cone, 4).is_none());
+        let bound = |reduced: Option<&Reduced>| Reduced::contour_or(reduced, &cone).points.len();
+        assert!(bound(None) >= 76, "{}", bound(None));
+        let halved = Reduced::new(&cone, 2).unwrap();
+        assert!(bound(Some(&halved)) < 50);
+    }
 }

@@ -101,13 +101,14 @@ impl Shape {
         Some([side(t[0])?, side(t[1])?, side(t[2])?])
     }
 
-    /// Puts the vertices in front of flat sides onto them.
-    pub(super) fn put_on(&mut self, sides: &Sides) {
+    /// Puts the vertices in front of flat sides onto them, where `bears` says of the point there that no outline
+    /// excludes it.
+    pub(super) fn put_on(&mut self, sides: &Sides, bears: impl Fn(Point3<f64>) -> bool + Sync) {
         let places: Vec<_> = (0..self.len())
             .into_par_iter()
             .map(|v| match self.roles[v] {
                 Role::Table => None,
-                _ => sides.nearest(self.positions[v]),
+                _ => sides.nearest(self.positions[v]).filter(|(_, p)| bears(*p)),
             })
             .collect();
         for (v, place) in places.into_iter().enumerate() {

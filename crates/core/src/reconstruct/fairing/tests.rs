@@ -202,3 +202,32 @@ fn the_same_bits_whatever_the_number_of_threads() {
     assert_eq!(one.0, three.0);
     assert!(one.1 == three.1);
 }
+
+#[test]
+fn a_side_takes_only_vertices_that_no_outline_excludes_there() {
+    let cameras = ring(11, 640);
+    let levels: Vec<_> = cameras.iter().map(cuboid).collect();
+    let (plain, _) = faired(&cameras, &levels);
+    let pairs = cameras.iter().zip(&levels);
+    let cones: Vec<Cone> = pairs.map(|(c, l)| Cone::new(c, l)).collect();
+    let contours: Vec<Contour> = cones.iter().map(Contour::of).collect();
+    let ends = (0..8).flat_map(|a| [1, 2, 4].map(|bit| (a, a | bit)));
+    let along = |(a, b): (usize, usize)| {
+        let [a, b] = [corners()[a], corners()[b]];
+        (0..=40).map(move |i| a + (b - a) * (f64::from(i) / 40.0))
+    };
+    let edges: Vec<Point3<f64>> = ends.filter(|(a, b)| a != b).flat_map(along).collect();
+    let sides = Sides::find(&edges, &contours, 0.4 / 1024.0, 0.0).unwrap();
+    let taken = |bears: &(dyn Fn(Point3<f64>) -> bool + Sync)| {
+        let mut shape = Shape::new(&plain, 0.0, 1e-4);
+        shape.put_on(&sides, bears);
+        let is_on_side = |role: &&shape::Role| matches!(role, shape::Role::Side(_));
+        shape.roles.iter().filter(is_on_side).count()
+    };
+    let (all, half) = (taken(&|_| true), taken(&|p| p.x > 0.0));
+    assert!(
+        all > 1000 && half > all / 4 && half < 3 * all / 4,
+        "{half} of {all}"
+    );
+    assert_eq!(taken(&|_| false), 0);
+}

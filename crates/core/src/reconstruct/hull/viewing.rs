@@ -32,6 +32,12 @@ impl Hull<'_> {
         Some((nearest.0, normal))
     }
 
+    /// Whether a camera's silhouette excludes a point, in the volume or beyond it.
+    pub fn is_excluded(&self, p: Point3<f64>) -> bool {
+        let mut values = self.cones().iter().filter_map(|cone| cone.value(p));
+        values.any(|value| value < 0.0)
+    }
+
     /// The cameras that see a point within `radius_px` of their outlines, with their cones' unit outward normals there.
     pub fn outlines_near(
         &self,

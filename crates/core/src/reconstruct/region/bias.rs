@@ -46,16 +46,13 @@ const TABLE_BAND: f64 = 0.03;
 const NEARER_PLANE: f64 = 0.5;
 
 impl Bias {
-    /// Estimates the offset from the table around the object; where the table is not seen, from the places
-    /// where the hull lies closest to the measured surface (it contains the object, so the difference is
-    /// never negative but for the bias).
+    /// Estimates the offset from the table around the object; where the table is not seen, as `from_hull` does.
     pub(super) fn estimate(
         view: &DepthView,
-        front: &HullRenderings,
-        difference: &Grid<f32>,
         volume: &Volume,
         object: &Mask,
         parameters: &Parameters,
+        from_hull: impl FnOnce() -> Option<(f64, f64)>,
     ) -> Self {
         let stated = view.camera.response.uncertainty;
         let allowed = if stated > 0.0 {
@@ -65,9 +62,7 @@ impl Bias {
         };
         let (found, remaining, source) = from_table(view, volume, object)
             .map(|(found, error)| (found, error, BiasSource::Table))
-            .or_else(|| {
-                from_hull(front, difference).map(|(found, error)| (found, error, BiasSource::Hull))
-            })
+            .or_else(|| from_hull().map(|(found, error)| (found, error, BiasSource::Hull)))
             .unwrap_or((0.0, allowed, BiasSource::None));
         let metres = shrunk(found, remaining).clamp(-allowed, allowed);
         Self {
@@ -199,8 +194,10 @@ fn mean_depth(view: &DepthView, x: usize, y: usize) -> Option<f64> {
     (2 * count > view.frames.len()).then(|| depths().sum::<f64>() / count as f64)
 }
 
-/// The low end of the differences on the hull's flatter front.
-fn from_hull(front: &HullRenderings, difference: &Grid<f32>) -> Option<(f64, f64)> {
+/// The offset and its error by the places where the hull lies closest to the measured surface: the low end of the
+/// differences on the flatter parts of its front. The hull contains the object, so that the difference is never negative
+/// but for the bias; a faired hull need not.
+pub(super) fn from_hull(front: &HullRenderings, difference: &Grid<f32>) -> Option<(f64, f64)> {
     const LOW: f64 = 0.2;
     let mut values = Vec::new();
     for y in 0..difference.height() {

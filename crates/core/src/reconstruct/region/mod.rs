@@ -117,18 +117,22 @@ impl Regions {
     }
 }
 
-/// The offset of one depth camera's depth, which sees a hull's `front`. `object` are the pixels that
-/// [`HullRenderings::object_pixels`] gave.
+/// The offset of one depth camera's depth. `object` are the pixels that [`HullRenderings::object_pixels`] gave. `plain`
+/// renders the plain hull, which is needed only where the table is not seen.
 pub fn bias(
-    front: &HullRenderings,
+    plain: impl FnOnce() -> HullRenderings,
     view: &DepthView,
     depth: &EnhancedDepth,
     volume: &Volume,
     object: &Mask,
     parameters: &Parameters,
 ) -> Bias {
-    let raw = difference(front, depth);
-    Bias::estimate(view, front, &raw, volume, object, parameters)
+    let from_hull = || {
+        let front = plain();
+        let raw = difference(&front, depth);
+        bias::from_hull(&front, &raw)
+    };
+    Bias::estimate(view, volume, object, parameters, from_hull)
 }
 
 /// Finds the regions that one depth camera sees of a hull whose `front` it sees. `object` are the pixels that

@@ -4,6 +4,7 @@ use super::*;
 use crate::calibration::{Camera, DepthCamera, DepthResponse, Distortion, Intrinsics};
 use crate::frame::CameraId;
 use crate::mesh::{Mesh, vertex_normals};
+use crate::reconstruct::depth::{Facts, SensorNoise};
 use nalgebra::{Isometry3, Point3, Vector2, Vector3};
 
 fn overhead() -> DepthCamera {
@@ -71,4 +72,40 @@ fn the_front_is_the_top_and_the_way_out_the_bottom() {
     );
     assert!(front.is_front[middle]);
     assert!(front.depth[(0, 0)].is_infinite() && !front.is_front[(0, 0)]);
+}
+
+#[test]
+fn without_a_table_the_bias_is_how_far_all_lies_behind_what_contains_the_object() {
+    let (mesh, camera) = (block(), overhead());
+    let all = |value: f32| Grid::filled(160, 120, value);
+    let depth = EnhancedDepth {
+        depth: all(0.705),
+        kind: Grid::filled(160, 120, DepthKind::Measured),
+        sigma: all(1e-3),
+        noise: SensorNoise {
+            per_square_depth: 0.0,
+            jitter_px: 0.0,
+            fixed_per_square_depth: 0.0,
+            median_deviation: 0.0,
+        },
+        facts: Facts::default(),
+    };
+    let object = Mask::filled(160, 120, 255);
+    let view = DepthView {
+        camera,
+        frames: Vec::new(),
+    };
+    let (low, high) = (Point3::new(-0.2, -0.2, 0.05), Point3::new(0.2, 0.2, 0.2));
+    let volume = Volume::new(low, high).unwrap();
+    let render = || HullRenderings::render(&mesh, &vertex_normals(&mesh), &view.camera, 0.3);
+    let found = bias(
+        render,
+        &view,
+        &depth,
+        &volume,
+        &object,
+        &Parameters::default(),
+    );
+    assert_eq!(found.source, BiasSource::Hull);
+    assert!((found.metres - 5e-3).abs() < 1e-5, "{found:?}");
 }

@@ -91,59 +91,7 @@ fn noise(source: &Source, p: Point3<f64>) -> Option<f64> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::calibration::{Camera, DepthCamera, DepthResponse, Distortion, Intrinsics};
-    use crate::frame::CameraId;
-    use crate::reconstruct::depth::{DepthKind, EnhancedDepth, Facts, SensorNoise};
-    use crate::reconstruct::region::{Bias, BiasSource, HullRenderings, Regions};
-    use nalgebra::{Isometry3, Vector2, Vector3};
-
-    const SIDE: usize = 12;
-
-    fn camera(height: f64) -> DepthCamera {
-        let middle = Vector2::repeat(0.5 * (SIDE as f64 - 1.0));
-        let focal = Vector2::repeat(575.0);
-        let lens = Intrinsics::new(SIDE, SIDE, focal, middle, Distortion::default());
-        let from = Point3::new(0.0, 0.0, height);
-        let pose = Isometry3::face_towards(&from, &Point3::origin(), &Vector3::y());
-        DepthCamera {
-            camera: Camera::new(CameraId::new("depth").unwrap(), lens.unwrap(), pose),
-            response: DepthResponse::default(),
-        }
-    }
-
-    fn evidence(depth: f32) -> (EnhancedDepth, Regions) {
-        let all = |value: f32| Grid::filled(SIDE, SIDE, value);
-        let enhanced = EnhancedDepth {
-            depth: all(depth),
-            kind: Grid::filled(SIDE, SIDE, DepthKind::Measured),
-            sigma: all(1e-3),
-            noise: SensorNoise {
-                per_square_depth: 0.0,
-                jitter_px: 0.0,
-                fixed_per_square_depth: 0.0,
-                median_deviation: 0.0,
-            },
-            facts: Facts::default(),
-        };
-        let regions = Regions {
-            front: HullRenderings {
-                depth: all(0.7),
-                exit: all(0.9),
-                is_front: Grid::filled(SIDE, SIDE, true),
-            },
-            difference: all(0.1),
-            sigma_difference: 0.1,
-            labels: Grid::filled(SIDE, SIDE, 1),
-            count: 1,
-            bias: Bias {
-                metres: 0.0,
-                found: 0.0,
-                remaining: 0.0,
-                source: BiasSource::None,
-            },
-        };
-        (enhanced, regions)
-    }
+    use crate::reconstruct::restore::testing::{SIDE, camera, evidence};
 
     /// How thick the wall between two cameras 1.6 m apart is, if it was read this thick.
     fn kept(thickness: f32) -> f32 {

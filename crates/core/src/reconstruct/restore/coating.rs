@@ -8,12 +8,13 @@
 
 use super::factor::solve;
 use super::laplacian::{Patch, ScreenedSystem, Singular};
+use super::provenance::of_depth;
 use super::{Parameters, Source, Template};
 use crate::image::Grid;
 use crate::mesh::{Mesh, vertex_normals};
+use crate::reconstruct::Model;
 use crate::reconstruct::depth::DepthKind;
 use crate::reconstruct::region::front_vertices;
-use crate::reconstruct::{Model, Provenance};
 use nalgebra::{Point2, Point3};
 
 /// Moves the lids of the regions that one depth camera sees onto its depth. `depth` is the carving depth of
@@ -80,22 +81,17 @@ pub(super) fn restore(
         },
     )?;
     for (x, &v) in solution.iter().zip(&patch.vertices) {
-        let v = v as usize;
-        model.mesh.vertices[v] = Point3::from(*x).cast();
-        if let Some(pixel) = seen[v] {
-            let measured = source.depth.kind[pixel] == DepthKind::Measured;
-            model.provenance[v] = if measured {
-                Provenance::Restored
-            } else {
-                Provenance::Bridged
-            };
-            model.expected_error[v] = source.depth.sigma[pixel];
-            if let Some(captures) = model.captures.get_mut(v) {
-                *captures = maker;
-            }
-        }
+        model.mesh.vertices[v as usize] = Point3::from(*x).cast();
     }
     model.normals = vertex_normals(&model.mesh);
+    for &v in &patch.vertices[..patch.inner] {
+        let v = v as usize;
+        let (p, normal) = (model.mesh.vertices[v], model.normals[v]);
+        (model.provenance[v], model.expected_error[v]) = of_depth(p, normal, source, template.hull);
+        if let Some(captures) = model.captures.get_mut(v) {
+            *captures = maker;
+        }
+    }
     Ok(())
 }
 

@@ -13,6 +13,8 @@ mod iterate;
 mod laplacian;
 mod provenance;
 mod relax;
+#[cfg(test)]
+mod testing;
 
 pub use laplacian::Singular;
 
@@ -127,7 +129,7 @@ impl Restored {
 
 /// The hull as it is: for objects without concave regions, and as a baseline.
 pub fn plain(template: &Template) -> Model {
-    provenance::describe(template.extracted.surface.clone(), template, &[], &[])
+    provenance::describe(template.extracted.surface.clone(), template, &[])
 }
 
 /// Restores the regions of all `sources`. Without any region the result is [`plain`], bit for bit.
@@ -220,7 +222,7 @@ fn carve_by(
             template.parameters,
         )
     };
-    let mut carvings = carvings_by(&depths);
+    let carvings = carvings_by(&depths);
     let mut extracted = extract(&carvings, &template.extracted.sampled, &carvings);
     let closed_openings = consistency::close_openings(
         template,
@@ -234,10 +236,9 @@ fn carve_by(
         let closed = carvings_by(&depths);
         let changed: Vec<Carving> = carvings.iter().zip(&closed).map(Carving::changed).collect();
         extracted = extract(&closed, &extracted.sampled, &changed);
-        carvings = closed;
     }
     let constraints = extracted.surface.constraints.clone();
-    let model = provenance::describe(extracted.surface, template, &carvings, sources);
+    let model = provenance::describe(extracted.surface, template, sources);
     let restored = Restored {
         model,
         dropped_pieces: extracted.dropped_pieces,

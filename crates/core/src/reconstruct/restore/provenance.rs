@@ -3,10 +3,10 @@
 use super::{Source, Template};
 use crate::mesh::vertex_normals;
 use crate::reconstruct::depth::DepthKind;
-use crate::reconstruct::hull::{Carving, carving_of, is_floor};
+use crate::reconstruct::hull::{Hull, carving_of, is_floor};
 use crate::reconstruct::surface::{Constraint, Surface};
 use crate::reconstruct::{Model, Provenance};
-use nalgebra::{Point2, Point3};
+use nalgebra::{Point2, Point3, Vector3};
 use rayon::prelude::*;
 
 /// Cosine between normal and view above which a carved vertex faces the depth camera.
@@ -20,27 +20,18 @@ const STEP_PX: f32 = 4.0;
 /// narrower than its belly on the far side.
 const SHADOWED: f32 = 0.28;
 
-/// Makes a model of a surface of the template's hull carved by `carvings`, which come from `sources` with regions, in
-/// their order.
-pub(super) fn describe(
-    surface: Surface,
-    template: &Template,
-    carvings: &[Carving],
-    sources: &[Source],
-) -> Model {
+/// What is left of the noise of a single reading, on a surface that many neighbours make. A bias they share stays.
+const OF_READING: f32 = 0.55;
+
+/// Makes a model of a surface of the template's hull carved by the depth of `sources` with regions, in their order.
+pub(super) fn describe(surface: Surface, template: &Template, sources: &[Source]) -> Model {
     let hull = template.hull;
     let normals = vertex_normals(&surface.mesh);
     let of_vertex = |(v, &constraint): (usize, &Constraint)| {
         let p = surface.mesh.vertices[v];
         let footprint = || hull.pixel_footprint(p.cast()) as f32;
         match carving_of(constraint) {
-            Some(i) => {
-                let source = &sources[i];
-                let eye = carvings[i].camera().camera.center().cast::<f32>();
-                let facing = normals[v].dot(&(eye - p).normalize());
-                let behind = || hull.reach(p.cast(), -normals[v].cast::<f64>(), footprint().into());
-                of_carved(p, facing, source, || behind() as f32)
-            }
+            Some(i) => of_depth(p, normals[v], &sources[i], hull),
             None if is_floor(constraint) => (Provenance::Table, footprint()),
             None => (Provenance::Hull, footprint()),
         }
@@ -66,6 +57,23 @@ pub(super) fn describe(
     }
 }
 
+/// Where a vertex comes from that a depth camera carved or moved, and its expected error in metres. `normal` is its
+/// unit outward normal.
+pub(super) fn of_depth(
+    p: Point3<f32>,
+    normal: Vector3<f32>,
+    source: &Source,
+    hull: &Hull,
+) -> (Provenance, f32) {
+    let eye = source.camera.camera.center().cast::<f32>();
+    let facing = normal.dot(&(eye - p).normalize());
+    let behind = || {
+        let p = p.cast();
+        hull.reach(p, -normal.cast::<f64>(), hull.pixel_footprint(p)) as f32
+    };
+    of_carved(p, facing, source, behind)
+}
+
 /// `behind` tells how thick the hull is behind the vertex, in metres.
 fn of_carved(
     p: Point3<f32>,
@@ -79,19 +87,18 @@ fn of_carved(
     let footprint = source.camera.camera.pixel_footprint(p.cast()) as f32;
     let (depth, kind) = (&source.depth.depth, &source.depth.kind);
     let (x, y) = nearest(pixel, depth.width(), depth.height());
-    let remaining = source.regions.bias.remaining as f32;
-    let along_view = source.depth.sigma[(x, y)].hypot(remaining);
-    // A lateral half pixel where the surface is steep, the depth's own error where it faces the camera.
+    // A lateral half pixel where the surface is steep, the depth's own noise where it faces the camera.
     let lateral = 0.5 * footprint * (1.0 - facing * facing).max(0.0).sqrt();
-    let error = (along_view * facing.abs()).hypot(lateral);
+    let noise = (source.depth.sigma[(x, y)] * facing.abs()).hypot(lateral);
+    let bias = source.regions.bias.remaining as f32 * facing.abs();
     if facing > FACING {
         match kind[(x, y)] {
-            DepthKind::Measured => (Provenance::Restored, error),
-            _ => (Provenance::Bridged, error),
+            DepthKind::Measured => (Provenance::Restored, (OF_READING * noise).hypot(bias)),
+            _ => (Provenance::Bridged, noise.hypot(bias)),
         }
     } else {
         let from_seen = (z as f32 - depth[(x, y)]).abs();
-        let shadowed = error.hypot(SHADOWED * behind());
+        let shadowed = noise.hypot(bias).hypot(SHADOWED * behind());
         if step(depth, x, y) > STEP_PX * footprint && from_seen > 2.0 * footprint {
             (Provenance::Unseen, shadowed)
         } else {
@@ -114,4 +121,44 @@ fn step(depth: &crate::image::Grid<f32>, x: usize, y: usize) -> f32 {
         .filter(|&&d| d > 0.0)
         .map(|d| (d - here).abs())
         .fold(0.0, f32::max)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::reconstruct::restore::testing::{SIDE, camera, evidence};
+
+    /// Provenance and error of a point that the middle pixel sees, which faces the camera with the cosine `facing`.
+    fn stated(kind: DepthKind, remaining: f64, facing: f32) -> (Provenance, f32) {
+        let camera = camera(0.8);
+        let (mut depth, mut regions) = evidence(0.8);
+        depth.kind = crate::image::Grid::filled(SIDE, SIDE, kind);
+        regions.bias.remaining = remaining;
+        let source = Source {
+            number: 0,
+            camera: &camera,
+            depth: &depth,
+            regions: &regions,
+        };
+        of_carved(Point3::origin(), facing, &source, || 0.0)
+    }
+
+    #[test]
+    fn neighbours_average_the_noise_of_readings_but_no_bias_that_they_share() {
+        let noise = stated(DepthKind::Measured, 0.0, 1.0);
+        assert_eq!(noise, (Provenance::Restored, OF_READING * 1e-3));
+        let (_, biased) = stated(DepthKind::Measured, 8e-3, 1.0);
+        assert!((biased - 8e-3_f32.hypot(noise.1)).abs() < 1e-6, "{biased}");
+        // What is filled in has no neighbours that were read.
+        let (provenance, filled) = stated(DepthKind::Filled, 0.0, 1.0);
+        assert_eq!((provenance, filled), (Provenance::Bridged, 1e-3));
+    }
+
+    #[test]
+    fn where_the_surface_is_steep_the_noise_is_that_across_the_view() {
+        let (_, error) = stated(DepthKind::Measured, 0.0, 0.2);
+        let lateral = 0.5 * (0.8 / 575.0) * (1.0_f32 - 0.04).sqrt();
+        let expected = OF_READING * (0.2e-3_f32).hypot(lateral);
+        assert!((error - expected).abs() < 1e-6, "{error} {expected}");
+    }
 }

@@ -60,7 +60,8 @@ const CELLS: f64 = 700.0;
 const WIDTHS: [f64; 5] = [1.0, 1.04, 1.08, 1.13, 1.2];
 
 impl Layout {
-    /// Cuts the surface into charts and packs them: at the pictures' resolution if that fits, else smaller.
+    /// Cuts the surface into charts and packs them: at the pictures' resolution if that fits, else smaller. Empty where
+    /// nothing fits.
     pub(super) fn new(
         surface: &Surface,
         labels: &[u16],
@@ -89,6 +90,11 @@ impl Layout {
         }
         layout.charts.clear();
         layout
+    }
+
+    /// Whether it has no chart.
+    pub(super) fn is_empty(&self) -> bool {
+        self.charts.is_empty()
     }
 
     fn measure(&mut self, surface: &Surface) {

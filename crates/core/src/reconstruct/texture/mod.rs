@@ -176,7 +176,11 @@ pub fn paint_in_order(
         atlas,
         corner_uv,
         vertex_colors: vertex_colors.iter().map(|&c| to_bytes(c)).collect(),
-        seen: labels.iter().map(|&l| l != labels::UNSEEN).collect(),
+        // Where the charts do not fit, the atlas has no colour of any camera.
+        seen: labels
+            .iter()
+            .map(|&l| l != labels::UNSEEN && !layout.is_empty())
+            .collect(),
     }
 }
 

@@ -491,6 +491,9 @@ fn the_atlas_stays_within_its_limit() {
             let error = error_in_triangles(&model, &texture, pattern);
             assert!(error < 6.0, "{error}");
         }
+        // Where nothing fits, the atlas shows nothing that a camera saw.
+        let fits = atlas.width() * atlas.height() > 1;
+        assert_eq!(texture.seen.contains(&true), fits, "{largest_side}");
     }
 }
 

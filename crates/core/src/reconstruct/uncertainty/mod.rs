@@ -1,21 +1,27 @@
 //! The expected error of the hull's vertices, from the silhouettes around each. `touch` finds the viewing edge through
 //! a vertex and where the true surface touches it, `depth_of_surface` computes how far the surface then lies beneath
-//! the vertex, `hollow` what may hide beneath a lid, and `patches` spreads the results of some vertices over all.
-//! Nothing here moves a vertex.
+//! the vertex, `readings` tells what depth cameras read of it, `hollow` what may hide beneath a lid, `cut` where the
+//! volume cuts the object, and `patches` spreads the results of some vertices over all. Nothing here moves a vertex.
 
+mod cut;
 mod depth_of_surface;
 mod hollow;
 mod patches;
+mod readings;
+#[cfg(test)]
+pub(crate) mod testing;
 mod touch;
 
 use super::fairing::FairedSolid;
 use super::hull::Hull;
 use super::{Model, Provenance};
 use crate::mesh::{Bvh, Mesh};
-pub use hollow::{Readings, may_be_lid};
+use cut::Outlined;
+pub use hollow::may_be_lid;
 use nalgebra::{Point3, Vector3};
 use patches::Patches;
 use rayon::prelude::*;
+pub use readings::{Readings, beneath};
 use touch::ViewingEdge;
 
 /// Cells along a patch: between touches there are more.
@@ -48,9 +54,6 @@ mod share {
     pub(super) const OF_CONTOUR: f64 = 0.5;
 }
 
-/// What is left of the error of a single reading, on a surface that many neighbours make.
-const OF_READING: f32 = 0.55;
-
 /// What the stated errors follow from.
 pub struct Evidence<'a> {
     /// The plain hull.
@@ -63,13 +66,9 @@ pub struct Evidence<'a> {
     pub cell_size: f64,
 }
 
-/// States the expected error of those vertices of a model that lie on its hull, and of those that depth restored, of
-/// which each has that of a single reading. The other vertices keep theirs.
+/// States the expected error of those vertices of a model that lie on its hull, and which of them nothing observed,
+/// because the volume cuts the object there. The other vertices keep what they state.
 pub fn state_errors(model: &mut Model, evidence: &Evidence) {
-    let of_vertices = model.expected_error.iter_mut().zip(&model.provenance);
-    for (error, _) in of_vertices.filter(|(_, p)| **p == Provenance::Restored) {
-        *error *= OF_READING;
-    }
     let vertices = model.mesh.vertices.iter().zip(&model.provenance);
     let on_hull = vertices
         .zip(0..)
@@ -83,37 +82,123 @@ pub fn state_errors(model: &mut Model, evidence: &Evidence) {
         evidence.at(plain.as_ref(), p, model.normals[vertex])
     };
     let each: Vec<&[u32]> = patches.indices().collect();
-    let places: Vec<hollow::Place> = each.into_par_iter().map(of_patch).collect();
-    let found = hollow::with_hollows(&places);
-    for (indices, error) in patches.indices().zip(patches.smoothed(&found)) {
+    let places: Vec<Place> = each.into_par_iter().map(of_patch).collect();
+    let known: Vec<Outlined> = places.iter().filter_map(Place::outlined).collect();
+    let found: Vec<Stated> = places
+        .par_iter()
+        .map(|place| evidence.stated(place, &known))
+        .collect();
+    let errors: Vec<f64> = found.iter().map(|stated| stated.error).collect();
+    let stated = found.iter().zip(patches.smoothed(&errors));
+    for (indices, (stated, error)) in patches.indices().zip(stated) {
         for &index in indices {
             model.expected_error[index as usize] = error as f32;
+            if stated.is_guess {
+                model.provenance[index as usize] = Provenance::Unseen;
+            }
         }
     }
 }
 
+/// What is stated of a place.
+#[derive(Clone, Copy)]
+struct Stated {
+    /// Its expected error, in metres.
+    error: f64,
+    /// Whether nothing observed it.
+    is_guess: bool,
+}
+
+/// A place of the model's surface that lies on the hull, and what the silhouettes around it tell.
+struct Place {
+    point: Point3<f64>,
+    normal: Vector3<f32>,
+    /// The point of the plain hull's surface that it came from.
+    on_hull: Point3<f64>,
+    /// How far fairing moved it, in metres; `None` where the hull was not faired.
+    moved: Option<f64>,
+    /// Expected error of the outlines, in metres.
+    of_contour: f64,
+    /// The viewing edge through it; `None` where it is the volume that bounds the hull.
+    edge: Option<ViewingEdge>,
+}
+
+impl Place {
+    /// It as one that an outline bounds, if one does.
+    fn outlined(&self) -> Option<Outlined> {
+        let edge = self.edge?;
+        Some(Outlined {
+            point: self.on_hull,
+            of_hull: depth_of_surface::expected(&edge).hypot(self.of_contour),
+            way_to_object: hollow::way_to_object(&edge),
+        })
+    }
+}
+
 impl Evidence<'_> {
-    /// What is known at a point of the model's surface that lies on the hull. `plain` finds places on the plain hull's
-    /// surface, where that was faired.
-    fn at(&self, plain: Option<&Bvh>, p: Point3<f64>, normal: Vector3<f32>) -> hollow::Place {
+    /// What the silhouettes tell of a point of the model's surface that lies on the hull. `plain` finds places on the
+    /// plain hull's surface, where that was faired.
+    fn at(&self, plain: Option<&Bvh>, p: Point3<f64>, normal: Vector3<f32>) -> Place {
         let above = plain.and_then(|plain| plain.closest_point(p));
         let on_hull = above.as_ref().map_or(p, |above| above.point);
-        let edge = ViewingEdge::through(self.hull, on_hull, self.cell_size);
-        let of_contour = CONTOUR_PX * self.hull.pixel_footprint(p);
-        let of_hull = edge.map_or(0.0, |edge| depth_of_surface::expected(&edge));
-        let of_hull = of_hull.hypot(of_contour);
-        let of_outside = match (&self.faired, above) {
-            (Some(faired), Some(above)) => {
-                of_faired(faired.solid, p, of_hull, above.distance, of_contour)
+        Place {
+            point: p,
+            normal,
+            on_hull,
+            moved: above.map(|above| above.distance),
+            of_contour: CONTOUR_PX * self.hull.pixel_footprint(p),
+            edge: ViewingEdge::through(self.hull, on_hull, self.cell_size),
+        }
+    }
+
+    /// What is expected at a place: of the outside, half of how far the object is at most where a hollow may hide or
+    /// the volume cuts the object, and half the way to where a depth camera read it. `known` are the places that
+    /// outlines bound.
+    fn stated(&self, place: &Place, known: &[Outlined]) -> Stated {
+        let Place { point, normal, .. } = *place;
+        let own = place.outlined();
+        let is_guess = own.is_none() && self.is_cut(place, known);
+        let beside = || cut::nearest(place.on_hull, known).map(|(beside, _)| beside);
+        let outlined = own.or_else(|| beside().filter(|_| !is_guess));
+        let of_hull = outlined.map_or(place.of_contour, |outlined| outlined.of_hull);
+        let of_outside = match (&self.faired, place.moved) {
+            (Some(faired), Some(moved)) => {
+                of_faired(faired.solid, point, of_hull, moved, place.of_contour)
             }
             _ => of_hull,
         };
-        hollow::Place {
-            point: p,
-            of_outside,
-            may_be_lid: hollow::may_be_lid(p, normal, &self.readings),
-            way_to_object: edge.map(|edge| hollow::way_to_object(&edge)),
+        let may_be_lid = hollow::may_be_lid(point, normal, &self.readings);
+        let hidden = match own {
+            Some(own) if may_be_lid => own.way_to_object,
+            None if is_guess || may_be_lid => {
+                let inwards = -normal.cast::<f64>();
+                let reach = self.hull.reach(place.on_hull, inwards, self.cell_size);
+                if is_guess {
+                    reach
+                } else {
+                    reach.min(cut::way_to_object(place.on_hull, known))
+                }
+            }
+            _ => 0.0,
+        };
+        let beneath = beneath(point, normal, &self.readings).unwrap_or(0.0);
+        Stated {
+            error: of_outside.hypot(0.5 * hidden.hypot(beneath)),
+            is_guess,
         }
+    }
+
+    /// Whether the volume may cut the object at a place where it bounds the hull.
+    fn is_cut(&self, place: &Place, known: &[Outlined]) -> bool {
+        let is_on_side = |faired: &FairedHull| faired.solid.is_on_side(place.point);
+        if self.faired.as_ref().is_some_and(is_on_side) {
+            return false;
+        }
+        let outwards = place.normal.cast();
+        let beside = cut::nearest(place.on_hull, known);
+        beside.is_none_or(|(_, away)| {
+            cut::goes_on(self.hull, place.on_hull, outwards, away, self.cell_size)
+        })
     }
 }
 
@@ -138,4 +223,83 @@ fn of_faired(
     let of_kept = (share::OF_KEPT * of_hull).hypot(of_contour);
     let kept = solid.kept(p);
     (1.0 - kept) * of_moved + kept * of_kept
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::calibration::{Camera, Distortion, Intrinsics, Volume};
+    use crate::frame::CameraId;
+    use crate::image::Grid;
+    use crate::reconstruct::hull::Cone;
+    use nalgebra::{Isometry3, Vector2};
+
+    /// A camera half a metre away along an axis, 0.05 m above the table.
+    fn camera(eye: Point3<f64>) -> Camera {
+        let (focal, middle) = (Vector2::repeat(300.0), Vector2::repeat(99.5));
+        let lens = Intrinsics::new(200, 200, focal, middle, Distortion::default());
+        let target = Point3::new(0.0, 0.0, 0.05);
+        let pose = Isometry3::face_towards(&eye, &target, &-Vector3::z());
+        Camera::new(CameraId::new("c00").unwrap(), lens.unwrap(), pose)
+    }
+
+    /// What a column that is 66 mm wide states of points of its surface, from what it is seen as: pixels of each row
+    /// of the pictures that are object.
+    fn stated(
+        is_object: impl Fn(usize, usize) -> bool,
+        vertices: [(Point3<f32>, Vector3<f32>); 2],
+    ) -> Model {
+        let cameras = [Point3::new(0.0, -0.5, 0.05), Point3::new(0.5, 0.0, 0.05)].map(camera);
+        let level = Grid::from_fn(200, 200, |x, y| if is_object(x, y) { 255 } else { 0 });
+        let cones = cameras.iter().map(|c| Cone::new(c, &level)).collect();
+        let low = Point3::new(-0.06, -0.06, 0.0);
+        let volume = Volume::new(low, Point3::new(0.06, 0.06, 0.1)).unwrap();
+        let hull = Hull::new(cones, volume, 2);
+        let evidence = Evidence {
+            hull: &hull,
+            faired: None,
+            readings: Vec::new(),
+            cell_size: 1e-3,
+        };
+        let mut model = Model {
+            mesh: Mesh {
+                vertices: vertices.map(|(p, _)| p).to_vec(),
+                triangles: Vec::new(),
+            },
+            normals: vertices.map(|(_, normal)| normal).to_vec(),
+            provenance: vec![Provenance::Hull; 2],
+            expected_error: vec![0.0; 2],
+            ..Model::default()
+        };
+        state_errors(&mut model, &evidence);
+        model
+    }
+
+    #[test]
+    fn what_the_volume_cuts_off_was_not_seen_and_is_known_least() {
+        let top = (Point3::new(0.0, 0.0, 0.1), Vector3::z());
+        let side = (Point3::new(0.033, 0.0, 0.05), Vector3::x());
+        let column = stated(|x, _| (80..120).contains(&x), [top, side]);
+        assert_eq!(column.provenance, [Provenance::Unseen, Provenance::Hull]);
+        let [of_top, of_side] = [column.expected_error[0], column.expected_error[1]];
+        // Half of how far the object is at most: it is at the side.
+        assert!((0.02..0.08).contains(&of_top), "{of_top}");
+        assert!(of_side < 0.5 * of_top, "{of_side}");
+    }
+
+    #[test]
+    fn where_the_volume_cuts_what_stands_out_it_is_as_beside_the_cut() {
+        // A tip whose outlines lean inwards: 20 pixels high, it ends 8 pixels above the volume's top, at row 69.5.
+        let is_object = |x: usize, y: usize| {
+            let half = (y as f64 - 61.5).clamp(0.0, 20.0);
+            (x as f64 - 99.5).abs() < half
+        };
+        let top = (Point3::new(0.0, 0.0, 0.1), Vector3::z());
+        let slope = (
+            Point3::new(0.0195, 0.0, 0.0923),
+            Vector3::new(0.7, 0.0, 0.7),
+        );
+        let tip = stated(is_object, [top, slope]);
+        assert_eq!(tip.provenance, [Provenance::Hull; 2]);
+    }
 }

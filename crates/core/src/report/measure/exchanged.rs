@@ -26,8 +26,8 @@ pub struct Exchanged {
 
 /// Fewer cameras than this cannot tell which two are exchanged.
 const LEAST_CAMERAS: usize = 4;
-/// Uncovered share of a silhouette from which on exchanged cameras are looked for.
-const SUSPICIOUS: f64 = 0.02;
+/// Uncovered share of a silhouette from which on exchanged cameras are looked for: no sound capture is amber for less.
+const SUSPICIOUS: f64 = 0.004;
 /// Exchanged back, two cameras leave at most this part of what was uncovered.
 const EXPLAINED: f64 = 0.2;
 /// Pairs that are made hulls of.

@@ -2,8 +2,12 @@
 
 use super::UnobservedMeasures;
 use crate::mesh::{self, Mesh, bounding_box, check, components};
-use crate::reconstruct::{Provenance, Reconstruction, Scene, fairing};
+use crate::reconstruct::{Model, Provenance, Reconstruction, Scene, fairing};
 use serde::Serialize;
+
+/// What a person who reads the report of a faired model must know.
+const FAIRING_REMARK: &str = "Relief that shows in no outline is not measured: between outlines the hull was made smooth, \
+    and a groove or a shallow relief is in the model only where a depth camera read a hollow.";
 
 /// The figures of a model.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -18,6 +22,8 @@ pub struct ModelMeasures {
     pub cell_size: f64,
     /// Its vertices by where they come from.
     pub provenance: Vec<ProvenanceMeasures>,
+    /// The mean of its expected errors over its surface, without the face on the table, in metres.
+    pub mean_expected_error: f64,
     /// How much of its surface nothing observed.
     pub unobserved: UnobservedMeasures,
     /// Share of its triangles that a camera saw; `None` without texture.
@@ -34,6 +40,9 @@ pub struct ModelMeasures {
     /// How the fairing of the hull came out; `None` where the model is made of the plain hull.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub fairing: Option<fairing::Facts>,
+    /// What nothing measured where the hull was faired; `None` where it was not.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub fairing_remark: Option<&'static str>,
     /// Why the hull was not faired; `None` where it was, or where fairing is switched off.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub fairing_refused: Option<String>,
@@ -79,6 +88,7 @@ impl ModelMeasures {
             bounds: bounds.map(|corner| corner.into()),
             cell_size: made.cell_size,
             provenance: Provenance::ALL.map(|p| of_provenance(made, p)).to_vec(),
+            mean_expected_error: mean_expected_error(model),
             unobserved: UnobservedMeasures::of(scene, made),
             textured: model.texture.as_ref().map(|texture| {
                 let seen = texture.seen.iter().filter(|&&s| s).count();
@@ -93,6 +103,7 @@ impl ModelMeasures {
             dropped_carved_pieces: made.dropped_carved_pieces,
             closed_openings: made.closed_openings,
             fairing: made.fairing.as_ref().and_then(|f| f.as_ref().ok().copied()),
+            fairing_remark: matches!(made.fairing, Some(Ok(_))).then_some(FAIRING_REMARK),
             fairing_refused: made
                 .fairing
                 .as_ref()
@@ -100,12 +111,6 @@ impl ModelMeasures {
             unproved_volume: made.unproved_volume,
             handles_of_depth: handles(&made.model.mesh).saturating_sub(handles(&made.hull)),
         }
-    }
-
-    /// The mean of the expected errors of all vertices, in metres.
-    pub fn mean_expected_error(&self) -> f64 {
-        let parts = self.provenance.iter();
-        parts.map(|p| p.share * p.mean_expected_error).sum()
     }
 
     /// Share of the vertices of one provenance.
@@ -121,6 +126,22 @@ fn handles(mesh: &Mesh) -> u64 {
     parts.iter().map(|p| p.genus().max(0) as u64).sum()
 }
 
+/// The mean of a model's expected errors over its surface, without the face on the table: each corner of a triangle
+/// stands for a third of it, so that it does not matter how many vertices a part has. 0 without a surface.
+fn mean_expected_error(model: &Model) -> f64 {
+    let (mut area, mut sum) = (0.0, 0.0);
+    for (triangle, corners) in model.mesh.triangles.iter().enumerate() {
+        let [a, b, c] = model.mesh.corners(triangle).map(|p| p.cast::<f64>());
+        let third = (b - a).cross(&(c - a)).norm() / 6.0;
+        let vertices = corners.iter().map(|&vertex| vertex as usize);
+        for vertex in vertices.filter(|&v| model.provenance[v] != Provenance::Table) {
+            area += third;
+            sum += third * f64::from(model.expected_error[vertex]);
+        }
+    }
+    if area > 0.0 { sum / area } else { 0.0 }
+}
+
 fn of_provenance(made: &Reconstruction, provenance: Provenance) -> ProvenanceMeasures {
     let each = made.model.provenance.iter().zip(&made.model.expected_error);
     let (mut count, mut sum) = (0usize, 0.0);
@@ -132,5 +153,31 @@ fn of_provenance(made: &Reconstruction, provenance: Provenance) -> ProvenanceMea
         provenance,
         share: count as f64 / made.model.provenance.len().max(1) as f64,
         mean_expected_error: sum / count.max(1) as f64,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use nalgebra::Point3;
+
+    #[test]
+    fn the_mean_expected_error_is_that_of_the_surface_and_not_of_its_vertices() {
+        // A triangle of half a square metre, one of an eighth, and one on the table.
+        let mut model = Model::default();
+        let mut add = |side: f32, provenance, error| {
+            let first = model.mesh.vertices.len() as u32;
+            let corners = [[0.0, 0.0], [side, 0.0], [0.0, side]];
+            let corners = corners.map(|[x, y]| Point3::new(x, y, 0.0));
+            model.mesh.vertices.extend(corners);
+            model.mesh.triangles.push([first, first + 1, first + 2]);
+            model.provenance.extend([provenance; 3]);
+            model.expected_error.extend([error; 3]);
+        };
+        add(1.0, Provenance::Hull, 1e-3);
+        add(0.5, Provenance::Restored, 6e-3);
+        add(2.0, Provenance::Table, 50e-3);
+        assert!((mean_expected_error(&model) - 2e-3).abs() < 1e-9);
+        assert_eq!(mean_expected_error(&Model::default()), 0.0);
     }
 }

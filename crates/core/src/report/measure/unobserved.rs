@@ -1,20 +1,25 @@
 //! Measures how much of a model's surface nothing observed: places that neither an outline nor a reading determines.
 
 use crate::mesh::Mesh;
-use crate::reconstruct::uncertainty::{Readings, may_be_lid};
+use crate::reconstruct::uncertainty::{Readings, beneath, may_be_lid};
 use crate::reconstruct::{Model, Provenance, Reconstruction, Scene};
 use nalgebra::Vector3;
 use rayon::prelude::*;
 use serde::Serialize;
 
+/// Metres beneath the hull from which on a surface that a depth camera read there shows that the hull's is none.
+const SEEN_THROUGH: f64 = 0.01;
+
 /// Shares of the model's area, without the face on the table.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
 pub struct UnobservedMeasures {
-    /// Of the parts in concave regions that no depth camera saw: guesses.
+    /// Of the parts that nothing saw, because they lie in concave regions or because the volume cuts the object there.
     pub guessed: f64,
     /// Of the parts of the hull that face up and that no depth camera read: each may be the lid over a hollow.
     pub lids: f64,
-    /// Cubic metres between these parts and the table: no more can be hollow.
+    /// Of the parts of the hull that a depth camera saw through: it read the surface more than a centimetre beneath.
+    pub seen_through: f64,
+    /// Cubic metres between the lids and the table: no more can be hollow beneath them.
     pub under_lids: f64,
 }
 
@@ -25,6 +30,7 @@ impl UnobservedMeasures {
             .map(|(view, found)| Readings {
                 camera: &view.camera,
                 depth: &found.enhanced,
+                regions: &found.regions,
             })
             .collect();
         Self::of_model(&made.model, &readings)
@@ -34,20 +40,20 @@ impl UnobservedMeasures {
         let place = |vertex: usize| match model.provenance[vertex] {
             Provenance::Table => Place::Table,
             Provenance::Unseen => Place::Guessed,
-            Provenance::Hull => {
-                let p = model.mesh.vertices[vertex].cast();
-                match may_be_lid(p, model.normals[vertex], readings) {
-                    true => Place::Lid,
-                    false => Place::Observed,
-                }
-            }
+            Provenance::Hull => of_hull(model, vertex, readings),
             _ => Place::Observed,
         };
         let count = model.mesh.vertices.len();
         let heights = model.mesh.vertices.iter().map(|p| f64::from(p.z));
         let table = heights.fold(f64::INFINITY, f64::min);
         let places: Vec<Place> = (0..count).into_par_iter().map(place).collect();
-        let [mut whole, mut guessed, mut lids, mut under_lids] = [0.0; 4];
+        let [
+            mut whole,
+            mut guessed,
+            mut lids,
+            mut seen_through,
+            mut under_lids,
+        ] = [0.0; 5];
         for (triangle, corners) in model.mesh.triangles.iter().enumerate() {
             let normal = normal(&model.mesh, triangle);
             let third = normal.norm() / 3.0;
@@ -60,6 +66,7 @@ impl UnobservedMeasures {
                         let height = f64::from(model.mesh.vertices[vertex].z) - table;
                         under_lids += height * normal.z.max(0.0) / 3.0;
                     }
+                    Place::SeenThrough => seen_through += third,
                     Place::Observed => {}
                 }
                 whole += third;
@@ -69,6 +76,7 @@ impl UnobservedMeasures {
         Self {
             guessed: share(guessed),
             lids: share(lids),
+            seen_through: share(seen_through),
             under_lids,
         }
     }
@@ -79,7 +87,20 @@ enum Place {
     Table,
     Guessed,
     Lid,
+    SeenThrough,
     Observed,
+}
+
+/// What depth cameras saw of a vertex of the hull.
+fn of_hull(model: &Model, vertex: usize, readings: &[Readings]) -> Place {
+    let (p, normal) = (model.mesh.vertices[vertex].cast(), model.normals[vertex]);
+    if may_be_lid(p, normal, readings) {
+        return Place::Lid;
+    }
+    match beneath(p, normal, readings) {
+        Some(way) if way > SEEN_THROUGH => Place::SeenThrough,
+        _ => Place::Observed,
+    }
 }
 
 /// A triangle's normal, as long as its area.
@@ -124,5 +145,28 @@ mod tests {
             UnobservedMeasures::of_model(&Model::default(), &[]),
             UnobservedMeasures::default()
         );
+    }
+
+    /// A square of 1 cm that faces up, before the readings of a depth camera above it.
+    #[test]
+    fn where_the_surface_was_read_far_beneath_the_hull_is_seen_through() {
+        use crate::reconstruct::uncertainty::testing::Above;
+        let corners = [[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]];
+        let corners = corners.map(|[x, y]| Point3::new(5e-3 * x, 5e-3 * y, 0.0));
+        let mut model = Model::default();
+        model.mesh.vertices = corners.to_vec();
+        model.mesh.triangles = vec![[0, 1, 2], [0, 2, 3]];
+        model.normals = vec![Vector3::z(); 4];
+        model.provenance = vec![Provenance::Hull; 4];
+        let found = |depth| {
+            let above = Above::reads(depth, 0.0, 0.0);
+            let found = UnobservedMeasures::of_model(&model, &above.readings());
+            [found.lids, found.seen_through]
+        };
+        assert_eq!(found(0.8), [0.0, 0.0]);
+        assert_eq!(found(0.805), [0.0, 0.0]);
+        assert_eq!(found(0.83), [0.0, 1.0]);
+        // What is read before it hides it.
+        assert_eq!(found(0.7), [1.0, 0.0]);
     }
 }

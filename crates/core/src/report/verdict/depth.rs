@@ -3,6 +3,7 @@
 use super::{Level, Parameters, Reason, ReasonCode, about_cameras, mm, percent};
 use crate::frame::CameraId;
 use crate::reconstruct::Method;
+use crate::reconstruct::region::BiasSource;
 use crate::report::{DepthMeasures, Measurements, RegionMeasures};
 
 /// What a model is that no depth restored.
@@ -41,6 +42,7 @@ pub(super) fn judge(measured: &Measurements, parameters: &Parameters, into: &mut
         });
     }
     about_bias(&seeing, parameters, into);
+    into.extend(unchecked(&seeing));
     about_regions(&seeing, parameters, into);
     if !seeing.is_empty() {
         into.extend(lids(measured, parameters));
@@ -107,18 +109,27 @@ fn lids(measured: &Measurements, parameters: &Parameters) -> Option<Reason> {
     })
 }
 
-/// What is a guess, lids and all.
+/// What is a guess: lids, and what a depth camera saw through, although it was not carved.
 fn unobserved(measured: &Measurements, parameters: &Parameters) -> Option<Reason> {
     let found = measured.model.unobserved;
-    let level = parameters.unobserved.level(found.guessed + found.lids)?;
+    let share = found.guessed + found.lids + found.seen_through;
+    let in_all = parameters.unobserved.level(share);
+    let level = in_all.max(parameters.lid_unread.level(found.seen_through))?;
+    let mut words = format!(
+        "{} of the surface were not observed: the model is a guess there",
+        percent(share)
+    );
+    if found.seen_through > 0.0 {
+        words += &format!(
+            "; of {} a depth camera read the surface more than a centimetre beneath the model's",
+            percent(found.seen_through)
+        );
+    }
     Some(Reason {
         level: parameters.unless_hull_is_wanted(level),
         code: ReasonCode::Unobserved,
         cameras: Vec::new(),
-        words: format!(
-            "{} of the surface were not observed: the model is a guess there",
-            percent(found.guessed + found.lids)
-        ),
+        words,
     })
 }
 
@@ -144,6 +155,26 @@ fn about_bias(seeing: &[&DepthMeasures], parameters: &Parameters, into: &mut Vec
         }
         reason
     }));
+}
+
+/// Depth cameras that carved although neither the table nor the hull shows by how much they are off. The error that the
+/// model states includes it.
+fn unchecked(seeing: &[&DepthMeasures]) -> Option<Reason> {
+    let is_unchecked =
+        |d: &&&DepthMeasures| d.regions.is_some() && d.bias.source == BiasSource::None;
+    let found: Vec<_> = seeing.iter().filter(is_unchecked).collect();
+    let most = found.iter().map(|d| d.bias.remaining).reduce(f64::max)?;
+    let names: Vec<&str> = found.iter().map(|d| d.camera.as_str()).collect();
+    Some(Reason {
+        level: Level::Green,
+        code: ReasonCode::DepthUnchecked,
+        cameras: found.iter().map(|d| d.camera.clone()).collect(),
+        words: format!(
+            "nothing in the capture shows by how much the depth is off: {}; it may be up to {}, and so may the hollows",
+            names.join(", "),
+            mm(most)
+        ),
+    })
 }
 
 fn about_regions(seeing: &[&DepthMeasures], parameters: &Parameters, into: &mut Vec<Reason>) {

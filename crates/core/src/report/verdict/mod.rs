@@ -70,9 +70,11 @@ pub enum ReasonCode {
     DepthDisagrees,
     /// A depth camera is off by more than its calibration says.
     DepthBiased,
+    /// Nothing shows by how much a depth camera is off.
+    DepthUnchecked,
     /// No depth camera read parts of the hull that face up: each may be the lid over a hollow.
     LidUnread,
-    /// Much of the surface is a guess, because no camera saw it.
+    /// Much of the surface is a guess, because no camera saw it, or a depth camera saw through it.
     Unobserved,
     /// Much of the model bridges holes of the depth.
     HolesBridged,

@@ -66,7 +66,7 @@ fn bridged(model: &ModelMeasures, parameters: &Parameters) -> Option<Reason> {
 }
 
 fn expected_error(model: &ModelMeasures, parameters: &Parameters) -> Option<Reason> {
-    let mm = 1e3 * model.mean_expected_error();
+    let mm = 1e3 * model.mean_expected_error;
     beyond(&parameters.expected_mm, mm, ReasonCode::ErrorLarge, || {
         format!("the expected error of the model is {mm:.1} mm on average")
     })
@@ -130,6 +130,11 @@ fn opened_by_depth(model: &ModelMeasures, parameters: &Parameters) -> Option<Rea
 fn unpainted(model: &ModelMeasures, parameters: &Parameters) -> Option<Reason> {
     let share = 1.0 - model.textured.unwrap_or(1.0);
     beyond(&parameters.unpainted, share, ReasonCode::Unpainted, || {
+        if does_not_fit(model) {
+            return "the pictures do not fit into the texture, which texture.largest_side limits: the model has no colours \
+                    of the cameras"
+                .to_owned();
+        }
         format!(
             "no camera saw {} of the model: its colours there are not observed",
             percent(share)
@@ -149,4 +154,9 @@ fn dropped(count: usize, which: &str, parameters: &Parameters) -> Option<Reason>
     );
     let level = level.unwrap_or(Level::Green);
     Some(reason(level, ReasonCode::PiecesDropped, words))
+}
+
+/// Whether a model's pictures did not fit into its atlas: that is a single texel then.
+fn does_not_fit(model: &ModelMeasures) -> bool {
+    model.atlas.is_some_and(|atlas| atlas.size == [1, 1])
 }

@@ -69,14 +69,14 @@ pub struct Parameters {
     /// Share of the model's area, without the face on the table, that faces up and that no depth camera read, although
     /// the rig has one. Default 0.05.
     pub lid_unread: Limits,
-    /// Share of that area that is a guess, because no camera saw it. What no depth camera read counts, too. Default
-    /// 0.18.
+    /// Share of that area that is a guess, because no camera saw it. What no depth camera read counts, too, and so does
+    /// what one saw through; of that alone `lid_unread` is the limit, too. Default 0.18.
     pub unobserved: Limits,
     /// Share of the concave regions' pixels without readings that count. Default 0.5.
     pub region_unread: Limits,
     /// Share of the model's vertices that bridge holes of the depth. Default 0.1.
     pub bridged: Limits,
-    /// Mean of the model's expected errors, in millimetres. Default 1.2.
+    /// Mean of the model's expected errors over its surface, without the face on the table, in millimetres. Default 1.2.
     pub expected_mm: Limits,
     /// Share of the hull's front, as a depth camera sees it, that is restored from its depth. Default 0.95.
     pub region_share: Limits,

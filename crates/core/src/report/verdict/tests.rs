@@ -4,10 +4,11 @@ use super::*;
 use crate::capture::{ColorFacts, LeftOutCamera, Silhouette};
 use crate::frame::{CaptureId, Timestamp};
 use crate::mesh;
+use crate::reconstruct::region::BiasSource;
 use crate::reconstruct::{Method, Provenance, silhouette};
 use crate::report::{
-    ColorMeasures, Consistency, Exchanged, ModelMeasures, MovedCamera, ProvenanceMeasures,
-    UnobservedMeasures,
+    AtlasMeasures, ColorMeasures, Consistency, Exchanged, ModelMeasures, MovedCamera,
+    ProvenanceMeasures, RegionMeasures, UnobservedMeasures,
 };
 
 fn id(name: &str) -> CameraId {
@@ -46,6 +47,7 @@ fn measured() -> Measurements {
                 share: 1.0,
                 mean_expected_error: 1e-4,
             }],
+            mean_expected_error: 1e-4,
             unobserved: UnobservedMeasures::default(),
             textured: Some(0.9),
             atlas: None,
@@ -53,6 +55,7 @@ fn measured() -> Measurements {
             dropped_carved_pieces: 0,
             closed_openings: 0,
             fairing: None,
+            fairing_remark: None,
             fairing_refused: None,
             unproved_volume: None,
             handles_of_depth: 0,
@@ -151,6 +154,7 @@ fn what_nothing_looked_into_and_what_is_guessed_is_to_be_looked_at_unless_a_hull
         measured.model.unobserved = UnobservedMeasures {
             guessed,
             lids,
+            seen_through: 0.0,
             under_lids: 120e-6,
         };
         measured
@@ -164,6 +168,10 @@ fn what_nothing_looked_into_and_what_is_guessed_is_to_be_looked_at_unless_a_hull
     assert_eq!(amber(&of(0.13, 0.045)), []);
     assert_eq!(amber(&of(0.0, 0.06)), [ReasonCode::LidUnread]);
     assert_eq!(amber(&of(0.15, 0.045)), [ReasonCode::Unobserved]);
+    // A reading beneath the surface is no less than none.
+    let mut seen_through = of(0.0, 0.0);
+    seen_through.model.unobserved.seen_through = 0.06;
+    assert_eq!(amber(&seen_through), [ReasonCode::Unobserved]);
     let both = of(0.3, 0.06);
     assert_eq!(
         amber(&both),
@@ -179,10 +187,40 @@ fn what_nothing_looked_into_and_what_is_guessed_is_to_be_looked_at_unless_a_hull
 }
 
 #[test]
+fn a_hollow_whose_depth_nothing_checks_is_told() {
+    let of = |source| {
+        let mut measured = measured();
+        measured.depth_cameras = 1;
+        let mut depth = crate::report::DepthMeasures::nothing(id("kinect"));
+        depth.facts.measured = 1000;
+        (depth.bias.source, depth.bias.remaining) = (source, 8e-3);
+        depth.regions = Some(RegionMeasures {
+            count: 1,
+            pixels: 1000,
+            share: 0.5,
+            coverage: 0.9,
+            filled: 0.1,
+            empty: 0.0,
+            median_depth: 0.02,
+            greatest_depth: 0.04,
+            model_behind_depth: 0.0,
+            disagreement: 0.5e-3,
+        });
+        measured.depths = vec![depth];
+        judged(&measured, &capture())
+    };
+    assert_eq!(codes(&of(BiasSource::Table), Level::Green), []);
+    let verdict = of(BiasSource::None);
+    assert_eq!(codes(&verdict, Level::Green), [ReasonCode::DepthUnchecked]);
+    let words = &verdict.reasons[0].words;
+    assert!(words.contains("kinect; it may be up to 8.0 mm"), "{words}");
+}
+
+#[test]
 fn a_model_that_expects_a_large_error_is_to_be_looked_at() {
     let mut measured = measured();
     let mut of = |metres| {
-        measured.model.provenance[0].mean_expected_error = metres;
+        measured.model.mean_expected_error = metres;
         judged(&measured, &capture())
     };
     assert_eq!(of(1.1e-3).level, Level::Green);
@@ -192,6 +230,21 @@ fn a_model_that_expects_a_large_error_is_to_be_looked_at() {
         verdict.reasons[0].words.contains("1.9 mm on average"),
         "{verdict:?}"
     );
+}
+
+#[test]
+fn pictures_that_do_not_fit_into_the_texture_are_told_and_no_camera_is_blamed() {
+    let mut measured = measured();
+    measured.model.textured = Some(0.0);
+    measured.model.atlas = Some(AtlasMeasures {
+        size: [1, 1],
+        used: 0.0,
+        texel_size: None,
+    });
+    let verdict = judged(&measured, &capture());
+    assert_eq!(codes(&verdict, Level::Amber), [ReasonCode::Unpainted]);
+    let words = &verdict.reasons[0].words;
+    assert!(words.contains("texture.largest_side"), "{words}");
 }
 
 #[test]
