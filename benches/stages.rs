@@ -133,7 +133,14 @@ fn e_region(bencher: Bencher) {
         views
             .map(|((view, found), (front, object))| {
                 let (enhanced, volume) = (&found.enhanced, &scene.volume);
-                let bias = region::bias(&front, view, enhanced, volume, &object, &CONFIG.region);
+                let bias = region::bias(
+                    || front.clone(),
+                    view,
+                    enhanced,
+                    volume,
+                    &object,
+                    &CONFIG.region,
+                );
                 region::find(front, enhanced, bias, &object, &CONFIG.region)
             })
             .collect::<Vec<_>>()
