@@ -75,7 +75,11 @@ pub fn refer_to_findings(left_out: &mut [LeftOut], findings: &[Finding]) {
             continue;
         };
         let names: Vec<&str> = finding.cameras.iter().map(CameraId::as_str).collect();
-        let noun = if names.len() == 1 { "camera" } else { "cameras" };
+        let noun = if names.len() == 1 {
+            "camera"
+        } else {
+            "cameras"
+        };
         let reference = format!("; see the reason about {noun} {}", names.join(" and "));
         left_out.reason += &reference;
     }
