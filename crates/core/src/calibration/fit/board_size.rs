@@ -36,7 +36,8 @@ pub(super) fn explaining(
         false => 0.0,
     };
     let times = rough + STEP * step;
-    let explains = (times - 1.0).abs() > LEAST && off(&started(session, cameras, parameters, times, true)) <= most_px;
+    let explains = (times - 1.0).abs() > LEAST
+        && off(&started(session, cameras, parameters, times, true)) <= most_px;
     explains.then_some(times - 1.0)
 }
 
