@@ -31,8 +31,8 @@ fn rendered() -> BoardSession {
     BoardSession::new(options, boards).unwrap()
 }
 
-/// The first pictures in which the whole board is seen.
-fn pictures(session: &BoardSession) -> Vec<Grid<u8>> {
+/// The first pictures in which the whole board is seen, with the indices of their placements.
+fn pictures(session: &BoardSession) -> Vec<(usize, Grid<u8>)> {
     let lens = session.rig().colors[0].actual.intrinsics;
     let picture = |index: usize| {
         let capture = session.capture(index).unwrap();
@@ -40,10 +40,11 @@ fn pictures(session: &BoardSession) -> Vec<Grid<u8>> {
         let Picture::Raw { data, .. } = frame.picture else {
             panic!("pictures are rows of grey values")
         };
-        Some(Grid::from_pixels(lens.width, lens.height, data.to_vec()))
+        let picture = Grid::from_pixels(lens.width, lens.height, data.to_vec());
+        Some((index, picture))
     };
     let all = (0..session.placements().len()).filter_map(picture);
-    all.filter(|picture| find_corners(picture, session.board()).is_ok())
+    all.filter(|(_, picture)| find_corners(picture, session.board()).is_ok())
         .take(VIEWS)
         .collect()
 }
@@ -101,13 +102,19 @@ fn residual(rendered: &BoardSession, pictures: &[Grid<u8>]) -> (f64, usize) {
     (found.figures.rms_px, seen)
 }
 
-/// Writes pictures as PGM files, for other detectors.
-fn write(folder: &Path, pictures: &[Grid<u8>]) {
+/// Writes pictures as PGM files, for other detectors, and beside each where its corners are.
+fn write(folder: &Path, rendered: &BoardSession, pictures: &[(usize, Grid<u8>)]) {
     std::fs::create_dir_all(folder).unwrap();
-    for (index, picture) in pictures.iter().enumerate() {
+    for (index, picture) in pictures {
         let head = format!("P5\n{} {}\n255\n", picture.width(), picture.height());
         let bytes = [head.as_bytes(), picture.pixels()].concat();
         std::fs::write(folder.join(format!("{index:02}.pgm")), bytes).unwrap();
+        let camera = &rendered.rig().colors[0].actual;
+        let rig_from_board = rendered.placements()[*index].rig_from_board;
+        let corners = rendered.board().corner_positions().into_iter();
+        let pixels = corners.map(|p| camera.project(rig_from_board * p).unwrap().0);
+        let lines: String = pixels.map(|p| format!("{} {}\n", p.x, p.y)).collect();
+        std::fs::write(folder.join(format!("{index:02}.txt")), lines).unwrap();
     }
 }
 
@@ -122,10 +129,13 @@ mod long {
         assert_eq!(clean.len(), VIEWS);
         let residuals = NOISES.map(|noise| {
             let mut random = Noise(1);
-            let noisy: Vec<_> = clean.iter().map(|p| random.over(p, noise)).collect();
+            let noisy = clean.iter().map(|(k, p)| (*k, random.over(p, noise)));
+            let noisy: Vec<(usize, Grid<u8>)> = noisy.collect();
             if let Some(folder) = std::env::var_os("SCAND_PICTURES") {
-                write(&Path::new(&folder).join(format!("noise-{noise}")), &noisy);
+                let folder = Path::new(&folder).join(format!("noise-{noise}"));
+                write(&folder, &rendered, &noisy);
             }
+            let noisy: Vec<Grid<u8>> = noisy.into_iter().map(|(_, p)| p).collect();
             let (rms, seen) = residual(&rendered, &noisy);
             println!("noise {noise}: rms {rms:.3} px, {seen} of {VIEWS} views");
             rms

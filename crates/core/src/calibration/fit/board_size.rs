@@ -1,6 +1,7 @@
 //! Tests whether a board of another size than the stated one explains what the cameras of a calibrated rig see.
 
 use super::Parameters;
+use super::adjust::Bundle;
 use super::as_calibrated::{off_px, start};
 use super::lens::Lens;
 use super::planar;
@@ -25,8 +26,9 @@ pub(super) fn explaining(
     if !(0.2..=5.0).contains(&rough) {
         return None;
     }
-    let off = |times: f64| off(session, cameras, parameters, times);
-    let costs = [rough - STEP, rough, rough + STEP].map(off);
+    // A bend that is free would flatten the minimum.
+    let flat = |times: f64| off(&started(session, cameras, parameters, times, false));
+    let costs = [rough - STEP, rough, rough + STEP].map(flat);
     let squares = costs.map(|c| c * c);
     let curve = squares[0] - 2.0 * squares[1] + squares[2];
     let step = match curve > 0.0 {
@@ -34,7 +36,8 @@ pub(super) fn explaining(
         false => 0.0,
     };
     let times = rough + STEP * step;
-    let explains = (times - 1.0).abs() > LEAST && off(times) <= most_px;
+    let explains = (times - 1.0).abs() > LEAST
+        && off(&started(session, cameras, parameters, times, true)) <= most_px;
     explains.then_some(times - 1.0)
 }
 
@@ -67,12 +70,24 @@ fn by_rays(session: &Session, cameras: &[Camera]) -> Option<f64> {
     (squares > 0.0).then(|| along / squares)
 }
 
-/// The largest root mean square of a camera's residuals with a board that is `times` as large.
-fn off(session: &Session, cameras: &[Camera], parameters: &Parameters, times: f64) -> f64 {
+/// The board where the cameras see it if it is `times` as large, and bent as its parameters expect, or flat.
+fn started(
+    session: &Session,
+    cameras: &[Camera],
+    parameters: &Parameters,
+    times: f64,
+    may_be_bent: bool,
+) -> Bundle {
     let mut scaled = session.clone();
     scaled.board.square *= times;
     let mut bundle = start(scaled, cameras, parameters);
+    bundle.sheet.free.fill(may_be_bent);
     bundle.adjust_robustly(4);
-    let seen = (0..cameras.len()).filter(|&c| bundle.views.iter().any(|v| v.camera == c));
-    seen.map(|c| off_px(&bundle, c)).fold(0.0, f64::max)
+    bundle
+}
+
+/// The largest root mean square of a camera's residuals.
+fn off(bundle: &Bundle) -> f64 {
+    let seen = (0..bundle.cameras.len()).filter(|&c| bundle.views.iter().any(|v| v.camera == c));
+    seen.map(|c| off_px(bundle, c)).fold(0.0, f64::max)
 }

@@ -412,11 +412,12 @@ fn each_board_is_held_against_what_is_allowed_at_its_distance() {
 
 #[test]
 fn depth_is_said_to_be_displaced_only_where_nothing_else_would_explain_it() {
-    let poses = poses(14);
+    let poses = poses(7);
+    let lens = lens();
     let bowl = |bowl: f64, response: &DepthResponse| {
         checked(&poses, response, |truth, _| {
             Grid::from_fn(640, 480, |x, y| {
-                let n = lens().unproject(Point2::new(x as f64, y as f64)).unwrap();
+                let n = lens.unproject(Point2::new(x as f64, y as f64)).unwrap();
                 let z = sensor().slope * f64::from(truth[(x, y)]) + sensor().intercept;
                 let wrong = z + bowl * z * z * (n.x * n.x + n.y * n.y);
                 ((wrong - sensor().intercept) / sensor().slope) as f32
