@@ -56,6 +56,12 @@ pub(super) struct Decision {
 }
 
 impl Decision {
+    /// Whether both captures show a pattern, and the patterns have nothing in common at the pose.
+    pub(super) fn do_colours_contradict(&self) -> bool {
+        let colours = self.colours.as_ref();
+        self.verdict.is_ok() && colours.is_some_and(limits::do_colours_contradict)
+    }
+
     /// The same of the second capture as the first, and the first as the second.
     pub(super) fn reversed(&self) -> Self {
         let turn = self.pose.rotation.inverse();
@@ -127,11 +133,8 @@ impl CapturePair<'_> {
         let mut decision = self.state(&aligned, Ok(PoseEvidence::Given));
         decision.colours = Some(self.colours_at(&aligned.pose, 0.0));
         decision.depth = self.depth_near(&aligned.pose);
-        if decision.verdict.is_ok() && self.do_colours_contradict(&aligned.pose) {
-            decision.verdict = Err(Refusal::ColoursContradict);
-        }
         // Readings on a steep wall may contradict the true pose.
-        decision.is_doubtful = self.is_contradicted(&decision);
+        decision.is_doubtful = self.is_contradicted(&decision) || decision.do_colours_contradict();
         decision
     }
 
@@ -303,9 +306,8 @@ impl CapturePair<'_> {
         decision.depth = self.depth_at(&decision.pose);
         if self.is_contradicted(&decision) {
             decision.verdict = Err(Refusal::DepthContradicts);
-        } else if self.do_colours_contradict(&decision.pose) {
-            decision.verdict = Err(Refusal::ColoursContradict);
         }
+        decision.is_doubtful |= decision.do_colours_contradict();
         decision
     }
 
@@ -350,7 +352,10 @@ impl CapturePair<'_> {
             .into_iter()
             .filter_map(|(s, is_second)| Some((s?, is_second)))
             .max_by(|x, y| x.0.weight().total_cmp(&y.0.weight()));
-        let is_long = limits::is_long(stretch.as_ref().map_or(0.0, |(s, _)| s.weight()));
+        let own =
+            [&self.a.own, &self.b.own].map(|o| o.stretch.as_ref().map_or(0.0, |s| s.weight()));
+        let worst = stretch.as_ref().map_or(0.0, |(s, _)| s.weight());
+        let is_long = limits::is_long_against(worst, own[0].max(own[1]));
         let verdict = match verdict {
             Ok(_) if disagreement > self.accept => Err(Refusal::NoPose),
             Ok(_) if is_long => Err(Refusal::Stretch),

@@ -45,10 +45,12 @@ const CORRELATION: f64 = 0.35;
 const CORRELATION_MARGIN: f64 = 0.12;
 /// Contrast of the logarithm of brightness below which a surface is plain.
 pub(super) const PLAIN: f64 = 0.06;
+/// Contrast from which on it surely has a pattern; a plain mug's own shadows reach 0.12.
+const PATTERN: f64 = 0.15;
 /// Patterns that correlate by less than this have nothing in common …
-pub(super) const NOTHING_IN_COMMON: f64 = 0.1;
+const NOTHING_IN_COMMON: f64 = 0.1;
 /// … if they are compared at so many points at least.
-pub(super) const COMMON_POINTS: usize = 500;
+const COMMON_POINTS: usize = 500;
 
 /// Share of depth readings beyond which they contradict a pose.
 pub(super) const DEPTH_CONTRADICTS: f64 = 0.05;
@@ -67,6 +69,13 @@ pub(super) const DEPTH_SIGMA_DEG: f64 = 2.0;
 /// Whether colours choose the pose at which they agree best.
 pub(super) fn do_colours_decide(colours: &ColorAgreement) -> bool {
     colours.best > CORRELATION && colours.best - colours.next > CORRELATION_MARGIN
+}
+
+/// Whether both captures show a pattern, and the patterns have nothing in common.
+pub(super) fn do_colours_contradict(colours: &ColorAgreement) -> bool {
+    colours.contrast >= PATTERN
+        && colours.points >= COMMON_POINTS
+        && colours.best < NOTHING_IN_COMMON
 }
 
 /// The most own noise that a capture may have, in metres.
@@ -91,10 +100,15 @@ pub(super) fn objection(noise: f64, pixel: f64) -> f64 {
     (OBJECTION * noise).max(noise + OBJECTION_MORE_PX * pixel)
 }
 
-/// Whether a stretch of contour of this weight in square pixels contradicts what it is held against: another capture,
-/// or the other contours of its own.
+/// Whether a stretch of contour of this weight in square pixels contradicts the other contours of its own capture.
 pub(super) fn is_long(stretch: f64) -> bool {
     stretch > STRETCH_PX2
+}
+
+/// Whether one contradicts another capture. `own` is the most that either capture's stretches weigh against itself:
+/// beside what is ignored, an outline ends early in both.
+pub(super) fn is_long_against(stretch: f64, own: f64) -> bool {
+    stretch > STRETCH_PX2.max(2.0 * own)
 }
 
 /// How many comparisons of two captures are made at most, of so many captures.

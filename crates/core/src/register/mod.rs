@@ -98,8 +98,6 @@ pub enum Refusal {
     Stretch,
     /// Depth contradicts the pose that silhouettes or colours chose.
     DepthContradicts,
-    /// Both captures show a pattern, and the patterns have nothing in common at the pose that silhouettes chose.
-    ColoursContradict,
     /// Several poses differ in more than the silhouettes show, and nothing decides.
     Undecided,
     /// It agrees with another capture, but not with all.
@@ -128,6 +126,9 @@ pub struct ColorAgreement {
     pub next: f64,
     /// Standard deviation of the logarithm of brightness against its surroundings, of the plainer capture.
     pub contrast: f64,
+    /// Points of the common surface that were compared at the pose.
+    #[serde(skip)]
+    pub points: usize,
 }
 
 /// How many depth readings contradict a pose.
@@ -195,6 +196,18 @@ impl Registered {
     /// Whether the capture has a pose.
     pub fn is_placed(&self) -> bool {
         self.verdict.is_ok()
+    }
+
+    /// Whether it has a pose that colours had no part in, both captures show a pattern, and the patterns have nothing in
+    /// common at that pose.
+    pub fn do_colours_contradict(&self) -> bool {
+        let without = [PoseEvidence::Silhouettes, PoseEvidence::Given];
+        let is_without = self.verdict.is_ok_and(|by| without.contains(&by));
+        is_without
+            && self
+                .colours
+                .as_ref()
+                .is_some_and(limits::do_colours_contradict)
     }
 }
 

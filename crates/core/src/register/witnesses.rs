@@ -171,6 +171,7 @@ impl CapturePair<'_> {
             best: rated[top],
             next,
             contrast: self.contrast(),
+            points: agreement(&self.a.skin, &self.b.skin, &poses[top], FEW_POINTS).points,
         };
         Some((top, colours))
     }
@@ -269,24 +270,18 @@ impl CapturePair<'_> {
     }
 
     pub(super) fn colours_at(&self, pose: &Isometry3<f64>, next: f64) -> ColorAgreement {
+        let found = agreement(&self.a.skin, &self.b.skin, pose, MANY_POINTS);
         ColorAgreement {
-            best: agreement(&self.a.skin, &self.b.skin, pose, MANY_POINTS).correlation,
+            best: found.correlation,
             next,
             contrast: self.contrast(),
+            points: found.points,
         }
     }
 
     /// The contrast of the plainer capture.
     fn contrast(&self) -> f64 {
         self.a.skin.contrast.min(self.b.skin.contrast)
-    }
-
-    /// Whether both captures show a pattern, and the patterns have nothing in common at a pose.
-    pub(super) fn do_colours_contradict(&self, pose: &Isometry3<f64>) -> bool {
-        let found = agreement(&self.a.skin, &self.b.skin, pose, MANY_POINTS);
-        self.contrast() >= limits::PLAIN
-            && found.points >= limits::COMMON_POINTS
-            && found.correlation < limits::NOTHING_IN_COMMON
     }
 
     /// What depth says of a pose, with the least that it says of poses near it.

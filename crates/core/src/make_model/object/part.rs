@@ -354,7 +354,11 @@ impl Told<'_> {
                 100.0 * d.contradicting
             )
         });
-        loose.into_iter().chain(larger).chain(depth)
+        let patterns = found.do_colours_contradict().then(|| {
+            "its form agrees, but not its colours: look whether all captures show one object"
+                .to_owned()
+        });
+        loose.into_iter().chain(larger).chain(depth).chain(patterns)
     }
 
     fn words_of_refusal(&self, i: usize, refusal: Refusal, found: &Registered) -> String {
@@ -397,11 +401,6 @@ impl Told<'_> {
             ),
             Refusal::DepthContradicts => format!(
                 "depth contradicts the pose in which its silhouettes agree with {to}: {ADVICE}"
-            ),
-            Refusal::ColoursContradict => format!(
-                "its form agrees with {to}, but not its colours, which correlate by {:.2}: it is another object of the same \
-                 form, or its surface changed",
-                found.colours.map_or(0.0, |c| c.best)
             ),
             Refusal::Undecided => format!(
                 "its silhouettes agree with {to} in several poses that differ in colours or hollows, and nothing decides \
