@@ -76,7 +76,7 @@ pub struct Parameters {
     pub region_unread: Limits,
     /// Share of the model's vertices that bridge holes of the depth. Default 0.1.
     pub bridged: Limits,
-    /// Mean of the model's expected errors over its surface, without the face on the table, in millimetres. Default 1.2.
+    /// Mean of the model's expected errors over its surface, without the face on the table, in millimetres. Default 1.3.
     pub expected_mm: Limits,
     /// Share of the hull's front, as a depth camera sees it, that is restored from its depth. Default 0.95.
     pub region_share: Limits,
@@ -123,7 +123,7 @@ impl Default for Parameters {
             unobserved: Limits::amber(0.18),
             region_unread: Limits::amber(0.5),
             bridged: Limits::amber(0.1),
-            expected_mm: Limits::amber(1.2),
+            expected_mm: Limits::amber(1.3),
             region_share: Limits::amber(0.95),
             disagreement_mm: Limits::amber_red(3.0, 10.0),
             bias_excess_mm: Limits::amber_red(2.0, 15.0),
