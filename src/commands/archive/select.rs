@@ -33,7 +33,6 @@ pub(super) struct Selection {
 /// # Errors
 /// If a word names nothing, or a recording that is named is not complete or cannot be read.
 pub(super) fn choose(words: &[String], folder: &Path) -> anyhow::Result<Selection> {
-    let mut chosen: BTreeMap<PathBuf, SelectedCaptures> = BTreeMap::new();
     if let Some(folder) = words.iter().find(|word| Path::new(word).is_dir()) {
         anyhow::bail!(
             "{folder} is a folder: name captures, objects, sessions or the files of recordings; --recordings says where \
