@@ -227,3 +227,22 @@ pub(super) fn polished(
     }
     pose
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_slip_of_five_degrees_is_loose_and_one_of_ten_is_free() {
+        let of = |degrees: f64| {
+            let determination = Determination {
+                free_deg: [degrees, 0.0],
+                softest: Twist::zeros(),
+            };
+            (determination.is_loose(), determination.is_free())
+        };
+        assert_eq!(of(0.0), (false, false));
+        assert_eq!(of(5.0), (true, false));
+        assert_eq!(of(10.0), (true, true));
+    }
+}

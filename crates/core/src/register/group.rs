@@ -5,7 +5,7 @@ use super::body::Body;
 use super::comparisons::Comparisons;
 use super::decide::{Decision, Prepared, decide};
 use super::depth::Depths;
-use super::noise;
+use super::noise::{self, Disagreement};
 use super::places::{AtOnce, Placed, Places, largest};
 use super::skin::Skin;
 use super::touch::Target;
@@ -28,7 +28,7 @@ pub fn register(
     let usable = |i: &usize| {
         prepared[*i]
             .as_ref()
-            .is_some_and(|p| !contradicts_itself(p))
+            .is_some_and(|p| !contradicts_itself(&p.own, p.body.pixel))
     };
     let count = captures.len();
     let order = std::iter::once(frame_of).chain((0..count).filter(|&i| i != frame_of));
@@ -72,10 +72,9 @@ fn prepare(capture: &CaptureSilhouettes) -> Option<Prepared> {
 
 /// Whether silhouettes of one capture contradict each other: as a whole, or along a stretch, as where a prop hides a
 /// part from one camera.
-fn contradicts_itself(prepared: &Prepared) -> bool {
-    let own = &prepared.own;
+fn contradicts_itself(own: &Disagreement, pixel: f64) -> bool {
     let stretch = own.stretch.as_ref().map_or(0.0, |s| s.weight());
-    own.rms > limits::own(prepared.body.pixel) || limits::is_long(stretch)
+    own.rms > limits::own(pixel) || limits::is_long(stretch)
 }
 
 /// What all others of `placed` say against one of them.
@@ -234,5 +233,27 @@ fn nothing_known(refusal: Refusal) -> Registered {
         larger_by: None,
         rivals: Vec::new(),
         all_at_once_mm: None,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::ContourStretch;
+    use super::*;
+
+    #[test]
+    fn a_stretch_of_one_outline_spoils_a_capture_that_is_quiet_as_a_whole() {
+        let with = |rms: f64, length_px: f64| Disagreement {
+            rms,
+            stretch: Some(ContourStretch {
+                camera: 4,
+                length_px,
+                miss_px: 2.0,
+            }),
+        };
+        let pixel = 0.4e-3;
+        assert!(!contradicts_itself(&with(0.05e-3, 30.0), pixel));
+        assert!(contradicts_itself(&with(0.05e-3, 40.0), pixel));
+        assert!(contradicts_itself(&with(0.3e-3, 30.0), pixel));
     }
 }
