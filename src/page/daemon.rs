@@ -176,8 +176,8 @@ impl Daemon {
         }
     }
 
-    /// Asks for the capture once the daemon has answered a request for its status: a press that waits in the socket of a
-    /// daemon that is not there yet would be taken late. `begin` is when the press began.
+    /// Asks for the capture once the daemon has answered a request for its status: a press that waits in the socket of
+    /// a daemon that is not there yet would be taken late. `begin` is when the press began.
     async fn attempt(
         &self,
         request: &Request,

@@ -373,7 +373,8 @@ impl Now {
     }
 }
 
-/// How many captures fit on the disk, by the daemon's status; null while no camera has told its settings, for then a capture has no size.
+/// How many captures fit on the disk, by the daemon's status; null while no camera has told its settings, for then a
+/// capture has no size.
 pub(super) fn captures_left(status: &Value) -> Value {
     let is_known = status["capture_bytes"].as_u64() > Some(0);
     is_known.then(|| status["captures_left"].clone()).into()

@@ -73,7 +73,8 @@ impl Tls {
         }
     }
 
-    /// Reads the files again if they changed, or could not be read the last time. Why they cannot be read is logged once.
+    /// Reads the files again if they changed, or could not be read the last time. Why they cannot be read is logged
+    /// once.
     fn look(&self, known: &mut Known) {
         let files = self.files();
         let has_changed = files != known.files;

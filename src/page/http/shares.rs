@@ -1,5 +1,5 @@
-//! Places that clients share, such as open streams: so many in all, and so many of one session, so that no session takes
-//! all of them.
+//! Places that clients share, such as open streams: so many in all, and so many of one session, so that no session
+//! takes all of them.
 
 use crate::page::secrets::Hash;
 use parking_lot::Mutex;
