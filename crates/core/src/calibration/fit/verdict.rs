@@ -577,7 +577,7 @@ mod tests {
         assert_eq!(left_out(2, None), []);
         let words = "depth camera kinect: 5 of 14 boards that it read (36 %) were left out, expected at most 20 %";
         let share = Reason::new(CalibrationLevel::Doubtful, ReasonKind::DepthLeftOut, words);
-        assert_eq!(left_out(5, None), [share.clone()]);
+        assert_eq!(left_out(5, None), std::slice::from_ref(&share));
         assert_eq!(left_out(6, None)[0].level, CalibrationLevel::Refused);
         let change = "its readings changed between p08 and p09 (3.0 % deeper)";
         let words = format!("depth camera kinect: {change}");
