@@ -189,6 +189,7 @@ export const de: Words = {
   reason_region_large: "Fast die ganze Vorderseite wurde durch Tiefenwerte ersetzt.",
   reason_depth_disagrees: "In einer Höhlung stimmen Modell und Tiefenbilder nicht überein.",
   reason_depth_biased: "Eine Tiefenkamera weicht stärker ab, als ihre Kalibrierung angibt.",
+  reason_depth_unchecked: "Nichts zeigt, um wie viel eine Tiefenkamera abweicht.",
   reason_lid_unread: "Unter Teilen des Modells, die keine Tiefenkamera gemessen hat, kann eine Höhlung liegen.",
   reason_unobserved: "Ein großer Teil der Oberfläche ist geraten, denn keine Kamera hat ihn gesehen.",
   reason_holes_bridged: "Ein großer Teil des Modells ist über Lücken der Tiefenbilder interpoliert.",

@@ -187,6 +187,7 @@ export const en = {
   reason_region_large: "Nearly the whole front was replaced by depth readings.",
   reason_depth_disagrees: "In a hollow, model and depth do not agree.",
   reason_depth_biased: "A depth camera is off by more than its calibration says.",
+  reason_depth_unchecked: "Nothing shows by how much a depth camera is off.",
   reason_lid_unread: "A hollow may be below parts of the model that no depth camera read.",
   reason_unobserved: "Much of the surface is a guess, because no camera saw it.",
   reason_holes_bridged: "Much of the model is interpolated over holes of the depth.",

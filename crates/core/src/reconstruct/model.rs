@@ -63,8 +63,8 @@ pub struct Texture {
     pub corner_uv: Vec<[[f32; 2]; 3]>,
     /// For each vertex its colour.
     pub vertex_colors: Vec<[u8; 3]>,
-    /// For each triangle whether a camera saw it and the atlas shows it; the others are grey, or have the colours around
-    /// them. No triangle where the pictures do not fit into the atlas, which is a single texel then.
+    /// For each triangle whether a camera saw it and the atlas shows it; the others are grey, or have the colours
+    /// around them. No triangle where the pictures do not fit into the atlas, which is a single texel then.
     pub seen: Vec<bool>,
 }
 

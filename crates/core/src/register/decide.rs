@@ -272,8 +272,8 @@ impl CapturePair<'_> {
         decision
     }
 
-    /// A pose that is accepted, of captures whose calibrations differ: doubtful if silhouettes agree clearly better with
-    /// other lengths.
+    /// A pose that is accepted, of captures whose calibrations differ: doubtful if silhouettes agree clearly better
+    /// with other lengths.
     fn doubted_for_scale(&self, mut decision: Decision) -> Decision {
         if decision.verdict.is_err() || self.share_a_calibration() {
             return decision;

@@ -64,8 +64,8 @@ impl Determination {
         self.free_deg[0] >= LOOSE_DEG
     }
 
-    /// Poses a degree apart, up to `side` degrees from one in the softest direction, where the silhouettes do not object
-    /// by more than `limit` metres after the other directions are put back on them.
+    /// Poses a degree apart, up to `side` degrees from one in the softest direction, where the silhouettes do not
+    /// object by more than `limit` metres after the other directions are put back on them.
     pub(super) fn near(
         &self,
         a: &Body,

@@ -198,8 +198,8 @@ impl Registered {
         self.verdict.is_ok()
     }
 
-    /// Whether it has a pose that colours had no part in, both captures show a pattern, and the patterns have nothing in
-    /// common at that pose.
+    /// Whether it has a pose that colours had no part in, both captures show a pattern, and the patterns have nothing
+    /// in common at that pose.
     pub fn do_colours_contradict(&self) -> bool {
         let without = [PoseEvidence::Silhouettes, PoseEvidence::Given];
         let is_without = self.verdict.is_ok_and(|by| without.contains(&by));

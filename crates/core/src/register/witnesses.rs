@@ -263,7 +263,8 @@ impl CapturePair<'_> {
             contradicting: shares[top],
             least,
         });
-        // A turn that depth holds is known to the degrees that it finds equally good, and no closer than they are tried.
+        // A turn that depth holds is known to the degrees that it finds equally good, and no closer than they are
+        // tried.
         let step_deg = if fixed.is_some() { TURN_DEG } else { 0.0 };
         settled.uncertainty.0 = settled.uncertainty.0.max(sigma_deg).max(step_deg);
         settled

@@ -88,8 +88,8 @@ pub struct Faired {
 #[derive(Clone, Copy, Debug, Default, PartialEq, serde::Serialize)]
 pub struct Facts {
     /// Root mean square distance of the contours to the faired hull's outlines, in pixels of the pictures: the nearest
-    /// within four pixels along them; where there is none, it counts as three. Where pixels were put together, because a
-    /// cell of the hull is longer than four, these four and three are such larger pixels.
+    /// within four pixels along them; where there is none, it counts as three. Where pixels were put together, because
+    /// a cell of the hull is longer than four, these four and three are such larger pixels.
     pub contour_rms_px: f64,
     /// What 99 % of these distances are below, in pixels of the pictures.
     pub contour_p99_px: f64,

@@ -195,8 +195,8 @@ fn mean_depth(view: &DepthView, x: usize, y: usize) -> Option<f64> {
 }
 
 /// The offset and its error by the places where the hull lies closest to the measured surface: the low end of the
-/// differences on the flatter parts of its front. The hull contains the object, so that the difference is never negative
-/// but for the bias; a faired hull need not.
+/// differences on the flatter parts of its front. The hull contains the object, so that the difference is never
+/// negative but for the bias; a faired hull need not.
 pub(super) fn from_hull(front: &HullRenderings, difference: &Grid<f32>) -> Option<(f64, f64)> {
     const LOW: f64 = 0.2;
     let mut values = Vec::new();

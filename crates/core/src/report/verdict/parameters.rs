@@ -76,7 +76,8 @@ pub struct Parameters {
     pub region_unread: Limits,
     /// Share of the model's vertices that bridge holes of the depth. Default 0.1.
     pub bridged: Limits,
-    /// Mean of the model's expected errors over its surface, without the face on the table, in millimetres. Default 1.3.
+    /// Mean of the model's expected errors over its surface, without the face on the table, in millimetres. Default
+    /// 1.3.
     pub expected_mm: Limits,
     /// Share of the hull's front, as a depth camera sees it, that is restored from its depth. Default 0.95.
     pub region_share: Limits,
