@@ -3,12 +3,12 @@
 use std::time::{Duration, Instant};
 
 /// More than anything takes, on a machine that has other things to do.
-const LONGEST: Duration = Duration::from_secs(60);
+const LONGEST: Duration = Duration::from_secs(300);
 
 /// Waits until something is so.
 ///
 /// # Panics
-/// If it is not so after a minute, with `what` and `seen()`.
+/// If it is not so after five minutes, with `what` and `seen()`.
 pub fn until_or<S: std::fmt::Display>(
     what: &str,
     seen: impl Fn() -> S,
@@ -23,5 +23,5 @@ pub fn until_or<S: std::fmt::Display>(
 
 /// The same, with nothing to be seen.
 pub fn until(what: &str, reached: impl FnMut() -> bool) {
-    until_or(what, || "waited for a minute", reached);
+    until_or(what, || "waited for five minutes", reached);
 }
