@@ -69,8 +69,8 @@ pub struct Parameters {
     /// Share of the model's area, without the face on the table, that faces up and that no depth camera read, although
     /// the rig has one. Default 0.05.
     pub lid_unread: Limits,
-    /// Share of that area that is a guess, because no camera saw it. What no depth camera read counts, too, and so does
-    /// what one saw through; of that alone `lid_unread` is the limit, too. Default 0.18.
+    /// Share of that area that is a guess, because no camera saw it, no depth camera read it, or a depth camera read
+    /// something behind it. The last share is also held against `lid_unread`. Default 0.18.
     pub unobserved: Limits,
     /// Share of the concave regions' pixels without readings that count. Default 0.5.
     pub region_unread: Limits,
