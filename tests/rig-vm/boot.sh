@@ -1,13 +1,13 @@
 #!/usr/bin/env bash
-# Boots the guest that image.sh made into FOLDER, with a package and the test program of the workers in it, and tells what
+# Boots the guest that image.sh made into FOLDER, with the packages and the test program of the workers in it, and tells what
 # was found there. SCAND is a program with the simulator, which the package's has not: it makes recordings here, and plays
 # them in the guest. All chapters are done by two guests side by side, for most of them keep one processor busy; those that are named, by one.
 #
-#   tests/rig-vm/boot.sh FOLDER PACKAGE SCAND WORKERS [CHAPTER...]
+#   tests/rig-vm/boot.sh FOLDER PACKAGE WORKER-PACKAGE SCAND WORKERS [CHAPTER...]
 set -euo pipefail
 cd "$(dirname "$0")/../.."
-folder=$1 package=$2 scand=$3 workers=$4
-shift 4
+folder=$1 package=$2 worker=$3 scand=$4 workers=$5
+shift 5
 say() { echo "rig-vm: $*" >&2; }
 
 # What is tested, and what tests it, are laid over the guest's root.
@@ -16,6 +16,7 @@ rm -rf "$over"
 mkdir -p "$over/rig-vm" "$over/etc/systemd/system/multi-user.target.wants"
 cp tests/rig-vm/guest/*.py "$over/rig-vm/"
 cp "$package" "$over/rig-vm/scand.deb"
+cp "$worker" "$over/rig-vm/scand-worker.deb"
 sensor=$(tests/openni2-sensor/stage.sh)
 cp -L "$sensor/OpenNI2/Drivers/libScandSensor.so.0" "$over/rig-vm/"
 cp "$workers" "$over/rig-vm/workers"

@@ -13,8 +13,8 @@ mirror=${MIRROR:-http://deb.debian.org/debian}
 modules="vivid uinput evdev dummy_hcd libcomposite usb_f_hid usbhid hid-generic videodev videobuf2-vmalloc"
 # What hooks use: a speaker and a sound card. Debian's kernel has nothing that plays GPIO lines.
 modules+=" pcspkr snd-dummy"
-# What the checks use: Python, video and network tools, and what hooks start.
-tools=systemd,systemd-sysv,udev,kmod,iproute2,python3,v4l-utils,adduser,zstd,beep,alsa-utils,gpiod,brightnessctl,brightness-udev
+# What the checks use: Python, video and network tools, a fleet's server, and what hooks start.
+tools=systemd,systemd-sysv,udev,kmod,iproute2,python3,v4l-utils,adduser,zstd,beep,alsa-utils,gpiod,brightnessctl,brightness-udev,nats-server
 depends=$(dpkg-deb -f "$package" Depends | tr ',' '\n' | sed 's/(.*)//; s/|.*//; s/ //g' | paste -sd,)
 
 key=$(cat "$here/image.sh" <(echo "$depends") | sha256sum | cut -c1-16)

@@ -37,7 +37,7 @@ if [ ${#missing[@]} -ne 0 ]; then
 fi
 
 # The test of the workers' confinement, to be run in the daemon's own; the program that was built beside it, which has the
-# simulator; and the package, whose program has none.
+# simulator; and the packages, whose programs have none.
 say "building ($profile)"
 output=$folder/debian
 [ "$profile" = dev ] || output=target/debian
@@ -48,7 +48,8 @@ workers=$("$cargo" test --profile "${profile/dev/test}" --locked --features rig,
 }
 mkdir -p "$folder/lab"
 cp "target/${profile/dev/debug}/scand" "$folder/lab/scand"
-PROFILE=$profile OUTPUT=$output/ PACKAGES=scand scripts/deb.sh >/dev/null
+PROFILE=$profile OUTPUT=$output/ scripts/deb.sh >/dev/null
 package=$(ls -t "$output"/scand_*.deb | head -n 1)
+worker=$(ls -t "$output"/scand-worker_*.deb | head -n 1)
 tests/rig-vm/image.sh "$folder" "$package"
-tests/rig-vm/boot.sh "$folder" "$package" "$folder/lab/scand" "$workers" "$@"
+tests/rig-vm/boot.sh "$folder" "$package" "$worker" "$folder/lab/scand" "$workers" "$@"

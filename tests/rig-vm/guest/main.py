@@ -10,6 +10,7 @@ import threading
 import time
 
 import day
+import fleet
 import mixed
 import pedal
 import removal
@@ -19,7 +20,7 @@ import video
 import webcam
 from harness import run
 
-CHAPTERS = [module.chapter for module in (service, sandbox, webcam, video, pedal, day, mixed, removal)]
+CHAPTERS = [module.chapter for module in (service, sandbox, webcam, video, pedal, day, fleet, mixed, removal)]
 
 
 def tell(line):
