@@ -1,5 +1,6 @@
 //! Secrets of 256 random bits, and what is kept of them: their SHA-256.
 
+use crate::words::hexadecimal;
 use sha2::{Digest, Sha256};
 use std::io::Read;
 
@@ -43,14 +44,6 @@ pub(super) fn request_token(session: &str) -> String {
 pub(super) fn are_equal(a: &str, b: &str) -> bool {
     let pairs = a.bytes().zip(b.bytes());
     a.len() == b.len() && pairs.fold(0, |different, (a, b)| different | (a ^ b)) == 0
-}
-
-fn hexadecimal(bytes: &[u8]) -> String {
-    use std::fmt::Write;
-    bytes.iter().fold(String::new(), |mut text, byte| {
-        let _ = write!(text, "{byte:02x}");
-        text
-    })
 }
 
 #[cfg(test)]

@@ -13,13 +13,11 @@ use crate::make_model::{FailedJob, Model, ReportFile, object_folder_name, report
 use crate::process::{Child, ChildExit};
 use crate::recording::finished_name;
 use crate::report::FailedCapture;
-use crate::storage::free_bytes;
 use crate::{frame, log};
 use std::os::unix::process::ExitStatusExt;
 use std::path::{Path, PathBuf};
 use std::process::{Command, ExitStatus};
 use std::sync::Arc;
-use std::sync::atomic::Ordering;
 use std::time::Duration;
 
 /// By how much a process that finds poses is less nice than one that makes models: somebody stands there and waits.
@@ -90,7 +88,7 @@ struct Ended {
 impl Shared {
     fn run(&self, registers: bool) {
         let objects = self.jobs.objects();
-        let may = || registers || (self.jobs.has_no_captures() && self.has_room());
+        let may = || registers || (self.jobs.has_no_captures() && self.plan.has_room());
         while let Some(mut taken) = objects.take(!registers, may) {
             let is_done = if registers {
                 self.register(&mut taken)
@@ -258,11 +256,6 @@ impl Shared {
                 None
             }
         }
-    }
-
-    fn has_room(&self) -> bool {
-        let keep_free = self.plan.keep_free.load(Ordering::Relaxed);
-        free_bytes(&self.plan.parameters.folder).is_ok_and(|free| free >= keep_free)
     }
 
     /// The object's folder, which is where its earliest capture's recording has its models.
