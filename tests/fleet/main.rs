@@ -12,6 +12,7 @@ mod disk;
 mod faults;
 mod live;
 mod lost;
+mod operator;
 mod roles;
 mod simulation;
 mod test_bench;
