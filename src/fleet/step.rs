@@ -147,6 +147,10 @@ pub(super) fn run(
     for option in ["MALLOC_MMAP_THRESHOLD_", "MALLOC_TRIM_THRESHOLD_"] {
         command.env(option, "4294967296");
     }
+    if limits.threads > 0 {
+        // Two threads hardly wait for each other, and reuse each other's buffers.
+        command.env("MALLOC_ARENA_MAX", limits.threads.div_ceil(2).to_string());
+    }
     // Where systemd keeps this process's credentials, which are not the child's.
     command.env_remove("CREDENTIALS_DIRECTORY");
     let (end, words) = Child::start(&mut command)?.wait(limits.time, Clock::system(), cancel)?;
