@@ -6,7 +6,7 @@ use super::correction::Correction;
 use super::jackknife::{self, BoardEquations, NormalEquations};
 use super::lateral::{self, Lateral};
 use super::misfit::{self, Misfit, Patch};
-use super::reading_change::{BoardError, ReadingChange};
+use super::reading_change::{BoardError, ReadingChange, smaller_part};
 use super::{ResponseError, too_little};
 use crate::calibration::{Board, DepthResponse, Intrinsics};
 use crate::image::Grid;
@@ -14,6 +14,7 @@ use crate::range;
 use crate::statistics::upper_median;
 use nalgebra::{Isometry3, Matrix4, Point2, Point3, Vector3, Vector4};
 use rayon::prelude::*;
+use std::ops::Range;
 
 /// What a depth camera saw of one placement.
 #[derive(Clone, Copy, Debug)]
@@ -240,7 +241,8 @@ struct Consistent<'a> {
 }
 
 impl<'a> Consistent<'a> {
-    /// Leaves out views that contradict the others, the worst first.
+    /// Leaves out views that contradict the others, the worst first; if none does, the fewer ones of those before and
+    /// after a change of the readings.
     ///
     /// # Errors
     /// If fewer than `min_views` are left: with what is amiss with the others.
@@ -257,21 +259,36 @@ impl<'a> Consistent<'a> {
                 return too_few(&planes, unread, &left_out, parameters);
             }
             let line = solve(&planes, Lateral::Line, parameters);
-            match worst(&planes, &line) {
-                Some((k, off)) => left_out.push(Contradiction {
+            if let Some((k, off)) = worst(&planes, &line) {
+                left_out.push(Contradiction {
                     order: order.remove(k),
                     plane: planes.remove(k),
                     off,
-                }),
-                None => {
-                    return Ok(Self {
-                        planes,
-                        order,
-                        left_out,
-                        line,
-                    });
-                }
+                });
+                continue;
             }
+            // No response fits most boards if the readings of half of them are others.
+            let part = match left_out.is_empty() {
+                true => changed_part(&planes, &line),
+                false => None,
+            };
+            let Some(part) = part else {
+                return Ok(Self {
+                    planes,
+                    order,
+                    left_out,
+                    line,
+                });
+            };
+            let orders = order.drain(part.clone());
+            let changed: Vec<(usize, Plane<'a>)> = orders.zip(planes.drain(part)).collect();
+            let line = solve(&planes, Lateral::Line, parameters);
+            let contradictions = changed.into_iter().map(|(order, plane)| Contradiction {
+                off: view_error(&plane, &line),
+                order,
+                plane,
+            });
+            left_out.extend(contradictions);
         }
     }
 
@@ -282,12 +299,9 @@ impl<'a> Consistent<'a> {
         let others = self.left_out.iter().map(|c| (c.order, &c.plane, true));
         let mut all: Vec<(usize, &Plane<'a>, bool)> = kept.chain(others).collect();
         all.sort_by_key(|(order, _, _)| *order);
-        let boards = all.iter().map(|(_, plane, is_left_out)| BoardError {
-            placement: plane.placement,
-            distance: plane.distance(),
-            at_1m: view_error(plane, values),
-            is_left_out: *is_left_out,
-        });
+        let boards = all
+            .iter()
+            .map(|(_, plane, is_left_out)| board_error(plane, values, *is_left_out));
         let boards: Vec<BoardError<'_>> = boards.collect();
         ReadingChange::of(&boards, most_off(&self.planes, values)?)
     }
@@ -664,6 +678,23 @@ fn view_error(plane: &Plane<'_>, values: &Values) -> f64 {
     let error = |s: &Sample| plane.error(s, values) / plane.depth(s, 1.0).powi(2);
     let mut errors: Vec<f64> = plane.samples.iter().map(error).collect();
     upper_median(&mut errors).unwrap_or(0.0)
+}
+
+/// What a view's readings are off by as a whole.
+fn board_error<'a>(plane: &Plane<'a>, values: &Values, is_left_out: bool) -> BoardError<'a> {
+    BoardError {
+        placement: plane.placement,
+        distance: plane.distance(),
+        at_1m: view_error(plane, values),
+        is_left_out,
+    }
+}
+
+/// The views before or after a change of the readings, whichever are fewer, if there is such a change.
+fn changed_part(planes: &[Plane<'_>], values: &Values) -> Option<Range<usize>> {
+    let boards = planes.iter().map(|plane| board_error(plane, values, false));
+    let boards: Vec<BoardError<'_>> = boards.collect();
+    smaller_part(&boards, VIEW_OFF)
 }
 
 /// The view that disagrees with all others, if there is one, and by how much at 1 m.
