@@ -536,6 +536,14 @@ fn every_fault_that_a_session_can_show_is_doubted_and_named() {
             DOUBTFUL,
             &["depth that is displaced against its colour picture"],
         );
+        let late = trial.starting_at("kinect", half, &beside);
+        trial.row(
+            &format!("depth beside its colour by {pixels} px, from half-way on"),
+            &late,
+            &[],
+            NOT_GOOD,
+            &["depth that is displaced against its colour picture"],
+        );
     }
     let misread = |wrong: &dyn Fn(f64, f64) -> f64| {
         trial.with(|_, frame| {

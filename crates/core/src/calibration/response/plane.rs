@@ -734,7 +734,8 @@ fn report(
     let is_line = spans(planes, parameters.min_span);
     let line = [values[0], values[1]];
     let patches: Vec<Vec<Patch>> = planes.iter().map(|p| p.patches(lens, line)).collect();
-    let misfit = misfit::explain(&patches);
+    let placements: Vec<&str> = planes.iter().map(|p| p.placement).collect();
+    let misfit = misfit::explain_session(&placements, &patches);
     // What does not fit grows with the squared distance.
     let unfit = misfit.as_ref().map_or(0.0, |m| m.held_out * far.powi(2));
     let response = DepthResponse {

@@ -329,6 +329,35 @@ fn depth_beside_its_colour_picture_is_told_from_a_bowl_and_a_bend() {
 }
 
 #[test]
+fn depth_that_is_displaced_in_a_part_of_the_session_is_told_with_the_placement() {
+    let poses = poses(14);
+    let told = |is_displaced: fn(usize) -> bool| {
+        let frames: Vec<_> = (poses.iter().enumerate())
+            .map(|(k, pose)| {
+                let truth = readings(pose, &DepthResponse::default(), no_pattern);
+                let by = if is_displaced(k) { 6 } else { 0 };
+                let beside = |x: usize, y: usize| truth[((x + by).min(639), y)];
+                vec![Grid::from_fn(640, 480, beside)]
+            })
+            .collect();
+        fitted(&poses, &frames).unwrap().misfit.unwrap()
+    };
+    let misfit = told(|k| k >= 7);
+    let part = SessionPart::From("p7".into());
+    assert_eq!(misfit.part, Some(part), "{misfit:?}");
+    let Cause::Misregistered([x, y]) = misfit.causes[0] else {
+        panic!("{misfit:?}")
+    };
+    assert!((x - 6.0).abs() < 1.5 && y.abs() < 1.5, "{misfit:?}");
+    assert!(
+        misfit.words().contains(" px in y from p7 on would explain"),
+        "{}",
+        misfit.words()
+    );
+    assert_eq!(told(|_| true).part, None);
+}
+
+#[test]
 fn the_lateral_scale_never_runs_away() {
     for fit in [
         misread(14, |z, _, _| {
