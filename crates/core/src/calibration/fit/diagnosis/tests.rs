@@ -401,13 +401,26 @@ fn late(cameras: usize, camera: usize, from: usize, by: usize) -> Session {
 fn mirrored(cameras: usize, camera: usize, from: usize) -> Session {
     let mut session = rig(cameras, 1).session(0.1, &mut Random(7));
     let is_late = |v: &&mut View| v.camera == camera && v.placement >= from;
-    for view in session.views.iter_mut().filter(is_late) {
-        for corner in &mut view.corners {
-            corner.pixel.x = 2447.0 - corner.pixel.x;
-            corner.column = 5 - corner.column;
-        }
-    }
+    session.views.iter_mut().filter(is_late).for_each(mirror);
     session
+}
+
+fn mirror(view: &mut View) {
+    for corner in &mut view.corners {
+        corner.pixel.x = 2447.0 - corner.pixel.x;
+        corner.column = 5 - corner.column;
+    }
+}
+
+#[test]
+fn cameras_that_are_all_mirrored_are_a_consistent_rig() {
+    let mut session = rig(4, 1).session(0.1, &mut Random(7));
+    session.views.iter_mut().for_each(mirror);
+    let (findings, level) = told(&session);
+    assert!(
+        findings.is_empty() && level < CalibrationLevel::Doubtful,
+        "{findings:?}"
+    );
 }
 
 #[test]
