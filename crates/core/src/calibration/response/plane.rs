@@ -198,14 +198,12 @@ pub fn fit_plane(
     let planes = &consistent.planes;
     let values = settled(planes, consistent.line, parameters);
     let fit = report(lens, planes, &values, parameters)?;
+    let change = consistent.change(&values);
+    let left_out = consistent.left_out.iter();
     Ok(PlaneFit {
         unread,
-        left_out: consistent
-            .left_out
-            .iter()
-            .map(Contradiction::told)
-            .collect(),
-        change: consistent.change(&values),
+        left_out: left_out.map(|c| c.told(change.is_some())).collect(),
+        change,
         ..fit
     })
 }
@@ -220,12 +218,17 @@ struct Contradiction<'a> {
 }
 
 impl Contradiction<'_> {
-    /// The placement, and why it was left out.
-    fn told(&self) -> (String, String) {
-        let reason = format!(
-            "its depth is {:.1} mm off what all other boards say: did the board move?",
-            1e3 * self.off
-        );
+    /// The placement, and why it was left out: the readings changed, or perhaps the board moved.
+    fn told(&self, is_change: bool) -> (String, String) {
+        let off = 1e3 * self.off;
+        let reason = match is_change {
+            true => format!(
+                "its depth is {off:.1} mm off, like that of its neighbours: the readings changed"
+            ),
+            false => format!(
+                "its depth is {off:.1} mm off what all other boards say: did the board move?"
+            ),
+        };
         (self.plane.placement.to_owned(), reason)
     }
 }
@@ -314,7 +317,7 @@ fn too_few<T>(
     left_out: &[Contradiction<'_>],
     parameters: &PlaneParameters,
 ) -> Result<T, ResponseError> {
-    let told = left_out.iter().map(Contradiction::told);
+    let told = left_out.iter().map(|c| c.told(false));
     let reasons = unread.iter().cloned().chain(told);
     let reasons = reasons.map(|(name, reason)| format!("; {name}: {reason}"));
     let found = format!(
