@@ -90,7 +90,7 @@ class Result:
     #: Distance in metres between the first camera and others.
     distances: dict = field(default_factory=dict)
     #: By wall clock, and of all processors, in seconds.
-    times: tuple = (0.0, 0.0)
+    times: tuple = (float("inf"), float("inf"))
 
 
 def in_folder(folder):
