@@ -6,7 +6,7 @@ RECORDING ?= recordings/cup.mcap
 # The test programs that differ with the features of the rig; `make check` runs the others.
 RIG_TESTS = $(addprefix --test ,digests fleet gige openni2 rig service workers)
 
-.PHONY: help demo rig-demo ui page-demo page-test page-bench fleet-test fleet-bench fleet-presses fleet-simulation fleet-demo deps check test calibration-trial error-trial verdict-trial fusion-trial bench deb deb-test rig-vm torture interop kinect-driver
+.PHONY: help demo rig-demo ui page-demo page-test page-bench fleet-test fleet-bench fleet-presses fleet-simulation fleet-demo deps check test calibration-trial calibration-against-opencv error-trial verdict-trial fusion-trial bench deb deb-test rig-vm torture interop kinect-driver
 
 help: ## list the targets
 	@sed -n 's/^\([a-z-]*\):.*## /\1\t/p' $(MAKEFILE_LIST) | expand -t 16
@@ -67,6 +67,10 @@ test: deps check ## the gate: install what the tests need, then `check`, then th
 calibration-trial: ## calibrate rendered sessions with and without faults, print the messages, and hold stated errors against true ones (SCAND_TRIAL=full for 5 megapixels)
 	$(CARGO) test --release --locked --test offline -- calibration_trial:: stated_uncertainties_hold_over_many_sessions --ignored --nocapture --test-threads 1
 	$(CARGO) test --release --locked --package scand-core --lib -- fit::trial_tests:: --ignored --nocapture --test-threads 1
+
+calibration-against-opencv: ## calibrate the same pictures with scand and OpenCV: residuals, focal lengths, times (PICTURES=FOLDER or a recording, else simulated; RUNS=3; SCAND=PROGRAM needs no build)
+	$(if $(SCAND),,$(CARGO) build --release --locked)
+	scripts/calibration-against-opencv.py $(PICTURES) $(if $(BOARD),--board $(BOARD)) --runs $(or $(RUNS),3) --scand $(or $(SCAND),target/release/scand)
 
 error-trial: ## compare the errors that models state with the truth, over shapes, rigs and N seeds (3)
 	$(CARGO) test --release --locked --package scand-lab --test rendered error_trial -- --include-ignored --nocapture --test-threads 1

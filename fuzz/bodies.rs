@@ -71,7 +71,7 @@ pub fn configuration(bytes: &[u8]) {
 
 /// As a picture file of 64 x 48 pixels. What is read has that size.
 pub fn picture(bytes: &[u8]) {
-    for format in ["jpeg", "png"] {
+    for format in ["jpeg", "png", "tiff"] {
         if let Ok(picture) = rgb_from_file(format, bytes, (64, 48)) {
             assert_eq!((picture.width(), picture.height()), (64, 48));
         }

@@ -7,7 +7,9 @@ use assert_cmd::Command;
 use scand::calibration::Board;
 use scand::frame::{Frame, Picture, Stream};
 use scand::recording::{Compression, Writer};
-use scand_lab::{BoardOptions, BoardSession, CameraFault, Capture, Encoding, Options};
+use scand_lab::{
+    BoardOptions, BoardSession, CameraFault, Capture, Encoding, Options, PlacementFault,
+};
 use serde_json::Value;
 use std::cell::RefCell;
 use std::collections::{BTreeMap, BTreeSet};
@@ -349,6 +351,20 @@ fn turned(camera: &str, degrees: f64) -> Vec<Capture> {
     })
 }
 
+/// The session in which the depth camera was pushed aside, of that camera alone: as if the board were elsewhere for it.
+fn pushed(millimetres: f64, placements: usize) -> Vec<Capture> {
+    let all = captures(|options, boards| {
+        options.faults.missing = (0..options.cameras).map(|k| format!("c{k:02}")).collect();
+        // A board that moves has gone all its way before the last camera, which is the depth camera, sees it.
+        let moved = |placement| PlacementFault {
+            placement,
+            amount: millimetres,
+        };
+        boards.faults.moved_mm = (0..placements).map(moved).collect();
+    });
+    all.0
+}
+
 fn is(frame: &Frame, camera: &str) -> bool {
     frame.camera.as_str() == camera
 }
@@ -484,6 +500,30 @@ fn every_fault_that_a_session_can_show_is_doubted_and_named() {
         let checked = format!("{percent}, --check");
         trial.judge(&checked, &told, &[1], &["mm too deep at"]);
     }
+    let seen = &visibility.0["kinect"];
+    let (half, late) = (seen[seen.len() / 2], seen[seen.len() - seen.len() / 3]);
+    for (when, from) in [("half-way", half), ("late", late)] {
+        let changed = trial.with(|index, frame| {
+            if index >= from && frame.stream == Stream::Depth {
+                frame.picture = misread(&frame.picture, |z, _| 1.03 * z);
+            }
+        });
+        let fault = format!("depth 3 % too deep, {when}");
+        let words = [
+            "depth camera kinect: its readings changed between ",
+            " % deeper)",
+        ];
+        trial.row(&fault, &changed, &[], NOT_GOOD, &words);
+    }
+    let aside = trial.starting_at("kinect", half, &pushed(10.0, count));
+    let words = "camera kinect moved by ";
+    trial.row(
+        "depth camera pushed by 10 mm half-way",
+        &aside,
+        &[],
+        NOT_GOOD,
+        &[words],
+    );
     for pixels in [3.0, 6.0] {
         let beside = only("kinect", |options| {
             options.depth.misregistration_px = pixels;
@@ -494,6 +534,14 @@ fn every_fault_that_a_session_can_show_is_doubted_and_named() {
             &beside,
             &[],
             DOUBTFUL,
+            &["depth that is displaced against its colour picture"],
+        );
+        let late = trial.starting_at("kinect", half, &beside);
+        trial.row(
+            &format!("depth beside its colour by {pixels} px, from half-way on"),
+            &late,
+            &[],
+            NOT_GOOD,
             &["depth that is displaced against its colour picture"],
         );
     }

@@ -166,3 +166,105 @@ fn summary(check: &Check) -> String {
         ),
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::calibration::response::{Cause, Misfit};
+
+    fn depth(off: f64, is_off: bool) -> DepthCheck {
+        let deviation = DepthDeviation {
+            placement: "p01".into(),
+            distance: 1.0,
+            off,
+            allowed: 0.005,
+        };
+        DepthCheck {
+            placements: vec![deviation.clone()],
+            worst: deviation,
+            is_off,
+            misfit: None,
+            too_few_for_misfit: None,
+        }
+    }
+
+    #[test]
+    fn what_a_depth_camera_reads_is_told_with_its_distance() {
+        for (off, is_off, words) in [
+            (
+                0.03,
+                true,
+                "reads 30 mm too deep at 1.0 m: calibrate it again",
+            ),
+            (
+                -0.012,
+                true,
+                "reads 12 mm too near at 1.0 m: calibrate it again",
+            ),
+            (0.0012, false, "reads as calibrated, to 1.2 mm at 1.0 m"),
+        ] {
+            assert_eq!(depth_words(&Ok(depth(off, is_off))), words);
+        }
+        let unseen = depth_words(&Err("it did not see the board".into()));
+        assert_eq!(
+            unseen,
+            "its depth was not checked: it did not see the board"
+        );
+    }
+
+    #[test]
+    fn registration_is_told_or_why_it_was_not_checked() {
+        let too_few = DepthCheck {
+            too_few_for_misfit: Some(TooFewBoards {
+                found: 1,
+                needed: 5,
+            }),
+            ..depth(0.001, false)
+        };
+        let words = depth_words(&Ok(too_few));
+        let expected =
+            "(registration) was not checked: it takes boards at 5 places, and there were 1";
+        assert!(words.ends_with(expected), "{words}");
+        let misfit = |causes| DepthCheck {
+            misfit: Some(Misfit {
+                held_out: 0.003,
+                explained: 0.0003,
+                causes,
+                part: None,
+            }),
+            ..depth(0.001, false)
+        };
+        let displaced = Cause::Misregistered([6.0, -1.0]);
+        let words = depth_words(&Ok(misfit(vec![displaced])));
+        let expected = "is displaced against its colour picture by +6.0 px in x and -1.0 px in y";
+        assert!(words.contains(expected), "{words}");
+        // If another cause would do nearly as well, both are told.
+        let words = depth_words(&Ok(misfit(vec![displaced, Cause::Bowl(0.012)])));
+        assert!(
+            words.contains("+6.0 px in x") && words.contains("its corners"),
+            "{words}"
+        );
+    }
+
+    #[test]
+    fn two_cameras_that_moved_against_each_other_are_told_with_what_else_it_may_be() {
+        let pair = |board_larger| PairMotion {
+            cameras: ["left", "right"].map(|id| CameraId::new(id).unwrap()),
+            motion: Motion {
+                turn_degrees: 0.3,
+                shift: 0.0012,
+                rest_px: 0.1,
+            },
+            board_larger,
+        };
+        let words = pair_words(&pair(None));
+        let expected = "cameras left and right moved against each other, by 0.300° and 1.20 mm if left stayed: \
+                        calibrate the rig again";
+        assert_eq!(words, expected);
+        let words = pair_words(&pair(Some(-0.04)));
+        assert!(
+            words.contains(", or the board is 4.0 % smaller than stated"),
+            "{words}"
+        );
+    }
+}

@@ -91,6 +91,7 @@ pub(super) fn json(depth: &Depth) -> serde_json::Value {
             "method": "plane", "slope": r.slope, "intercept": r.intercept, "scale": r.scale, "range": r.range,
             "uncertainty": r.uncertainty, "bias": fit.bias, "views": fit.views,
             "unread": fit.unread, "left_out": fit.left_out, "change": fit.change, "correction": fit.correction,
+            "misfit": fit.misfit,
         })
     };
     let mut all: serde_json::Map<_, _> = depth

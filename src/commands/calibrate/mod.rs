@@ -38,8 +38,9 @@ pub struct Args {
     /// Recordings in which each trigger is a placement of the board
     #[arg(required_unless_present_any = ["from", "pictures"], value_name = "SESSION.mcap")]
     sessions: Vec<PathBuf>,
-    /// Calibrate from picture files (PNG, JPEG, BMP, PNM) instead of recordings, such as --pictures left='left/*.png'
-    /// right='right/*.png'. The n-th picture of each camera, in the order of their names, shows one placement
+    /// Calibrate from picture files (PNG, JPEG, TIFF, BMP, PNM) instead of recordings, such as --pictures
+    /// left='left/*.png' right='right/*.png'. The n-th picture of each camera, in the order of their names, shows one
+    /// placement
     #[arg(long, value_name = "CAMERA=FILES", num_args = 1.., conflicts_with = "sessions")]
     pictures: Vec<String>,
     /// Fit nothing, but export the calibration of this calibration file or recording with --ros, --kalibr or --out

@@ -6,7 +6,9 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 /// Endings of the files that a folder's pictures have.
-const ENDINGS: [&str; 8] = ["png", "jpg", "jpeg", "bmp", "pnm", "pbm", "pgm", "ppm"];
+const ENDINGS: [&str; 10] = [
+    "png", "jpg", "jpeg", "tif", "tiff", "bmp", "pnm", "pbm", "pgm", "ppm",
+];
 
 /// The files of each camera: of `NAME=PATTERN`, and of what follows it without a name, as a shell leaves it that
 /// expanded a pattern. A pattern is a file, a folder, or a path whose last part has `*` or `?`.
@@ -33,7 +35,7 @@ pub(super) fn files(arguments: &[String]) -> Result<BTreeMap<CameraId, Vec<PathB
         let found = found(pattern)?;
         if found.is_empty() {
             return Err(format!(
-                "camera {id}: no picture matches {pattern}, expected PNG, JPEG, BMP or PNM files"
+                "camera {id}: no picture matches {pattern}, expected PNG, JPEG, TIFF, BMP or PNM files"
             ));
         }
         cameras.entry(id).or_default().extend(found);

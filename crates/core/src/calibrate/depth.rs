@@ -282,6 +282,7 @@ mod tests {
                 held_out: 1e-3,
                 explained: 2e-4,
                 causes: vec![cause],
+                part: None,
             }),
         };
         Depth {

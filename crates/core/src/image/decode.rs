@@ -6,6 +6,7 @@ use super::{Grid, RgbImage};
 use ::image::codecs::bmp::BmpDecoder;
 use ::image::codecs::png::PngDecoder;
 use ::image::codecs::pnm::PnmDecoder;
+use ::image::codecs::tiff::TiffDecoder;
 use ::image::{DynamicImage, ImageDecoder};
 use rayon::prelude::*;
 use std::io::Cursor;
@@ -216,7 +217,7 @@ pub fn readings_from_raw(
 }
 
 /// Formats of picture files, as errors name them.
-const FILE_FORMATS: &str = "jpeg, png, bmp or pnm (pbm, pgm, ppm)";
+const FILE_FORMATS: &str = "jpeg, png, tiff, bmp or pnm (pbm, pgm, ppm)";
 /// Longest side in pixels of a picture file.
 const LONGEST_SIDE: usize = 1 << 14;
 
@@ -235,9 +236,9 @@ pub fn rgb_from_file(
             Ok(Grid::from_pixels(size.0, size.1, pixels))
         }),
         other => {
-            let format = uncompressed(other)?;
+            let format = other_format(other)?;
             guarded(format, || {
-                let picture = decode_uncompressed(format, data, size)?;
+                let picture = decode_other(format, data, size)?;
                 let picture = picture.into_rgb8().into_raw();
                 let pixels = picture.as_chunks().0.to_vec();
                 Ok(Grid::from_pixels(size.0, size.1, pixels))
@@ -317,9 +318,10 @@ fn decode_png(data: &[u8], size: (usize, usize)) -> Result<DynamicImage, DecodeE
     DynamicImage::from_decoder(decoder).map_err(|e| broken("png", &e))
 }
 
-/// Formats that hold their pixels as they are, by their name or by the ending of their files.
-fn uncompressed(format: &str) -> Result<&'static str, DecodeError> {
+/// Formats of picture files that no camera sends, by their name or by the ending of their files.
+fn other_format(format: &str) -> Result<&'static str, DecodeError> {
     match format {
+        "tiff" | "tif" => Ok("tiff"),
         "bmp" => Ok("bmp"),
         "pnm" | "pbm" | "pgm" | "ppm" => Ok("pnm"),
         other => Err(unknown(other, FILE_FORMATS)),
@@ -327,13 +329,14 @@ fn uncompressed(format: &str) -> Result<&'static str, DecodeError> {
 }
 
 /// Reads the header of such a file.
-fn uncompressed_decoder<'a>(
+fn other_decoder<'a>(
     format: &'static str,
     data: &'a [u8],
 ) -> Result<Box<dyn ImageDecoder + 'a>, DecodeError> {
     let bytes = Cursor::new(data);
     let decoder: Box<dyn ImageDecoder + 'a> = match format {
         "bmp" => Box::new(BmpDecoder::new(bytes).map_err(|e| broken(format, &e))?),
+        "tiff" => Box::new(TiffDecoder::new(bytes).map_err(|e| broken(format, &e))?),
         _ => Box::new(PnmDecoder::new(bytes).map_err(|e| broken(format, &e))?),
     };
     let (width, height) = decoder.dimensions();
@@ -343,14 +346,18 @@ fn uncompressed_decoder<'a>(
     }
 }
 
-fn decode_uncompressed(
+fn decode_other(
     format: &'static str,
     data: &[u8],
     size: (usize, usize),
 ) -> Result<DynamicImage, DecodeError> {
-    let decoder = uncompressed_decoder(format, data)?;
+    let mut decoder = other_decoder(format, data)?;
     let (width, height) = decoder.dimensions();
     check_size((width as usize, height as usize), size)?;
+    let mut limits = ::image::Limits::default();
+    // Four channels of 32 bits, and some room for what is unpacked.
+    limits.max_alloc = Some(16 * (size.0 as u64 * size.1 as u64) + (16 << 20));
+    decoder.set_limits(limits).map_err(|e| broken(format, &e))?;
     DynamicImage::from_decoder(decoder).map_err(|e| broken(format, &e))
 }
 
@@ -388,9 +395,9 @@ pub fn size_of_file(format: &str, data: &[u8]) -> Result<(usize, usize), DecodeE
             Ok((width as usize, height as usize))
         }),
         other => {
-            let format = uncompressed(other)?;
+            let format = other_format(other)?;
             guarded(format, || {
-                let (width, height) = uncompressed_decoder(format, data)?.dimensions();
+                let (width, height) = other_decoder(format, data)?.dimensions();
                 Ok((width as usize, height as usize))
             })
         }

@@ -317,4 +317,10 @@ fn without_a_witness_nothing_but_the_board_is_said_to_set_the_scale() {
         words[0].contains("nothing but the board's size (25 mm a square)"),
         "{words:?}"
     );
+    // A board of a wrong size is not seen.
+    let (found, judgement) = testified(0.024, None, &MeasuredLengths::default());
+    assert!(
+        found.is_empty() && judgement.level < CalibrationLevel::Doubtful,
+        "{found:?} {judgement:?}"
+    );
 }

@@ -25,15 +25,33 @@ pub struct Misfit {
     pub explained: f64,
     /// The most likely cause first, then those that would do nearly as well.
     pub causes: Vec<Cause>,
+    /// The part of the session that has the cause, if not all of it has.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub part: Option<SessionPart>,
+}
+
+/// A part of a session.
+#[derive(serde::Serialize, Clone, Debug, PartialEq)]
+#[serde(rename_all = "snake_case")]
+pub enum SessionPart {
+    /// From this placement on.
+    From(String),
+    /// Until this placement.
+    Until(String),
 }
 
 impl Misfit {
     /// The causes in words.
     pub fn words(&self) -> String {
         let words: Vec<String> = self.causes.iter().map(Cause::words).collect();
+        let part = match &self.part {
+            None => String::new(),
+            Some(SessionPart::From(placement)) => format!(" from {placement} on"),
+            Some(SessionPart::Until(placement)) => format!(" until {placement}"),
+        };
         let rest = 100.0 * (1.0 - self.explained / self.held_out);
         format!(
-            "{} would explain {rest:.0} % of what is left",
+            "{}{part} would explain {rest:.0} % of what is left",
             words.join(", or ")
         )
     }
@@ -122,6 +140,10 @@ const EXPLAINS: f64 = 0.7;
 const AS_WELL: f64 = 1.15;
 /// Fewest boards that tell causes apart.
 pub(super) const FEWEST_BOARDS: usize = 5;
+/// Fewest boards on either side of where depth began or ceased to be displaced. This must leave at most the given part
+/// of the error, and of what a cause leaves that all boards have: one of many places always fits somewhat better.
+const FEWEST_IN_PART: usize = 3;
+const PART_EXPLAINS: f64 = 0.5;
 
 /// What a model adds to a line in the depth.
 type Terms = fn(&Patch, f64) -> Vec<f64>;
@@ -180,7 +202,73 @@ pub(super) fn explain(boards: &[Vec<Patch>]) -> Option<Misfit> {
         held_out,
         explained,
         causes: causes.collect(),
+        part: None,
     })
+}
+
+/// Looks for the cause of what a line leaves of these boards, also for depth that is displaced in a part of the session
+/// only, as after a driver began anew without registering it. The boards are in the order of their placements.
+pub(super) fn explain_session(placements: &[&str], boards: &[Vec<Patch>]) -> Option<Misfit> {
+    let whole = explain(boards);
+    let most = whole
+        .as_ref()
+        .map_or(f64::MAX, |m| PART_EXPLAINS * m.explained);
+    explain_part(placements, boards)
+        .filter(|part| part.explained <= most)
+        .or(whole)
+}
+
+/// Looks for depth that is displaced from one of these boards on, or until one.
+fn explain_part(placements: &[&str], boards: &[Vec<Patch>]) -> Option<Misfit> {
+    let named = placements.iter().copied().zip(boards);
+    let (placements, boards): (Vec<&str>, Vec<&Vec<Patch>>) =
+        named.filter(|(_, board)| !board.is_empty()).unzip();
+    if boards.len() < 2 * FEWEST_IN_PART {
+        return None;
+    }
+    let held_out = held_out(&boards, line)?;
+    if held_out < LEAST_ERROR {
+        return None;
+    }
+    let splits = FEWEST_IN_PART..=boards.len() - FEWEST_IN_PART;
+    let parts = splits.flat_map(|at| [(at, true), (at, false)]);
+    let tried = parts.filter_map(|(at, is_late)| {
+        let part = displaced_in_part(&boards, at, is_late);
+        let left = left(&part.iter().collect::<Vec<_>>(), misregistered)?;
+        Some((left, part, at, is_late))
+    });
+    let (_, part, at, is_late) = tried.min_by(|a, b| a.0.total_cmp(&b.0))?;
+    let part: Vec<&Vec<Patch>> = part.iter().collect();
+    let explained = self::held_out(&part, misregistered)?;
+    if explained > PART_EXPLAINS * held_out {
+        return None;
+    }
+    let found = solved(&part, None, misregistered)?;
+    Some(Misfit {
+        held_out,
+        explained,
+        causes: vec![Cause::Misregistered([found[2], found[3]])],
+        part: Some(match is_late {
+            true => SessionPart::From(placements[at].to_owned()),
+            false => SessionPart::Until(placements[at - 1].to_owned()),
+        }),
+    })
+}
+
+/// The boards as a displacement would concern only those from this index on, or those before it.
+fn displaced_in_part(boards: &[&Vec<Patch>], at: usize, is_late: bool) -> Vec<Vec<Patch>> {
+    let of_board = |(index, board): (usize, &&Vec<Patch>)| {
+        let is_displaced = (index >= at) == is_late;
+        let own = |patch: &Patch| Patch {
+            gradient: match is_displaced {
+                true => patch.gradient,
+                false => [0.0; 2],
+            },
+            ..*patch
+        };
+        board.iter().map(own).collect()
+    };
+    boards.iter().enumerate().map(of_board).collect()
 }
 
 /// How far the curve lies from the straight line that fits it best over the boards' distances.
@@ -222,16 +310,29 @@ fn held_out(boards: &[&Vec<Patch>], terms: Terms) -> Option<f64> {
     for (index, board) in boards.iter().enumerate() {
         let found = solved(boards, Some(index), terms)?;
         for patch in *board {
-            let predicted: f64 = row(patch, middle, terms)
-                .iter()
-                .zip(&found)
-                .map(|(t, c)| t * c)
-                .sum();
-            squares += (patch.error / patch.depth.powi(2) - predicted).powi(2);
+            squares += off(patch, middle, terms, &found).powi(2);
             count += 1.0;
         }
     }
     Some((squares / f64::max(count, 1.0)).sqrt())
+}
+
+/// Sum of the boards' mean squared errors at 1 m to which these terms were fitted.
+fn left(boards: &[&Vec<Patch>], terms: Terms) -> Option<f64> {
+    let middle = middle(boards);
+    let found = solved(boards, None, terms)?;
+    let of_board = |board: &&Vec<Patch>| {
+        let squares = board.iter().map(|p| off(p, middle, terms, &found).powi(2));
+        squares.sum::<f64>() / board.len().max(1) as f64
+    };
+    Some(boards.iter().map(of_board).sum())
+}
+
+/// What coefficients of these terms leave of a patch's error, at 1 m.
+fn off(patch: &Patch, middle: f64, terms: Terms, found: &[f64]) -> f64 {
+    let row = row(patch, middle, terms);
+    let predicted: f64 = row.iter().zip(found).map(|(t, c)| t * c).sum();
+    patch.error / patch.depth.powi(2) - predicted
 }
 
 /// The terms of a patch at 1 m: noise grows with the square of the distance.

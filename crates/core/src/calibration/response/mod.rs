@@ -14,7 +14,7 @@ mod table;
 
 pub use check::{DepthCheck, DepthDeviation, DepthTolerance, TooFewBoards, check_depth};
 pub use correction::Correction;
-pub use misfit::{Cause, Misfit};
+pub use misfit::{Cause, Misfit, SessionPart};
 pub use paper::PaperFit;
 pub use plane::{
     DistanceBias, PlaneFit, PlaneParameters, PlaneView, ViewBias, fit_plane, mean_readings,

@@ -6,7 +6,7 @@ use super::correction::Correction;
 use super::jackknife::{self, BoardEquations, NormalEquations};
 use super::lateral::{self, Lateral};
 use super::misfit::{self, Misfit, Patch};
-use super::reading_change::{BoardError, ReadingChange};
+use super::reading_change::{BoardError, ReadingChange, smaller_part};
 use super::{ResponseError, too_little};
 use crate::calibration::{Board, DepthResponse, Intrinsics};
 use crate::image::Grid;
@@ -14,6 +14,7 @@ use crate::range;
 use crate::statistics::upper_median;
 use nalgebra::{Isometry3, Matrix4, Point2, Point3, Vector3, Vector4};
 use rayon::prelude::*;
+use std::ops::Range;
 
 /// What a depth camera saw of one placement.
 #[derive(Clone, Copy, Debug)]
@@ -197,14 +198,12 @@ pub fn fit_plane(
     let planes = &consistent.planes;
     let values = settled(planes, consistent.line, parameters);
     let fit = report(lens, planes, &values, parameters)?;
+    let change = consistent.change(&values);
+    let left_out = consistent.left_out.iter();
     Ok(PlaneFit {
         unread,
-        left_out: consistent
-            .left_out
-            .iter()
-            .map(Contradiction::told)
-            .collect(),
-        change: consistent.change(&values),
+        left_out: left_out.map(|c| c.told(change.is_some())).collect(),
+        change,
         ..fit
     })
 }
@@ -219,12 +218,17 @@ struct Contradiction<'a> {
 }
 
 impl Contradiction<'_> {
-    /// The placement, and why it was left out.
-    fn told(&self) -> (String, String) {
-        let reason = format!(
-            "its depth is {:.1} mm off what all other boards say: did the board move?",
-            1e3 * self.off
-        );
+    /// The placement, and why it was left out: the readings changed, or perhaps the board moved.
+    fn told(&self, is_change: bool) -> (String, String) {
+        let off = 1e3 * self.off;
+        let reason = match is_change {
+            true => format!(
+                "its depth is {off:.1} mm off, like that of its neighbours: the readings changed"
+            ),
+            false => format!(
+                "its depth is {off:.1} mm off what all other boards say: did the board move?"
+            ),
+        };
         (self.plane.placement.to_owned(), reason)
     }
 }
@@ -240,7 +244,8 @@ struct Consistent<'a> {
 }
 
 impl<'a> Consistent<'a> {
-    /// Leaves out views that contradict the others, the worst first.
+    /// Leaves out views that contradict the others, the worst first; if none does, the fewer ones of those before and
+    /// after a change of the readings.
     ///
     /// # Errors
     /// If fewer than `min_views` are left: with what is amiss with the others.
@@ -257,21 +262,36 @@ impl<'a> Consistent<'a> {
                 return too_few(&planes, unread, &left_out, parameters);
             }
             let line = solve(&planes, Lateral::Line, parameters);
-            match worst(&planes, &line) {
-                Some((k, off)) => left_out.push(Contradiction {
+            if let Some((k, off)) = worst(&planes, &line) {
+                left_out.push(Contradiction {
                     order: order.remove(k),
                     plane: planes.remove(k),
                     off,
-                }),
-                None => {
-                    return Ok(Self {
-                        planes,
-                        order,
-                        left_out,
-                        line,
-                    });
-                }
+                });
+                continue;
             }
+            // No response fits most boards if the readings of half of them are others.
+            let part = match left_out.is_empty() {
+                true => changed_part(&planes, &line),
+                false => None,
+            };
+            let Some(part) = part else {
+                return Ok(Self {
+                    planes,
+                    order,
+                    left_out,
+                    line,
+                });
+            };
+            let orders = order.drain(part.clone());
+            let changed: Vec<(usize, Plane<'a>)> = orders.zip(planes.drain(part)).collect();
+            let line = solve(&planes, Lateral::Line, parameters);
+            let contradictions = changed.into_iter().map(|(order, plane)| Contradiction {
+                off: view_error(&plane, &line),
+                order,
+                plane,
+            });
+            left_out.extend(contradictions);
         }
     }
 
@@ -282,12 +302,9 @@ impl<'a> Consistent<'a> {
         let others = self.left_out.iter().map(|c| (c.order, &c.plane, true));
         let mut all: Vec<(usize, &Plane<'a>, bool)> = kept.chain(others).collect();
         all.sort_by_key(|(order, _, _)| *order);
-        let boards = all.iter().map(|(_, plane, is_left_out)| BoardError {
-            placement: plane.placement,
-            distance: plane.distance(),
-            at_1m: view_error(plane, values),
-            is_left_out: *is_left_out,
-        });
+        let boards = all
+            .iter()
+            .map(|(_, plane, is_left_out)| board_error(plane, values, *is_left_out));
         let boards: Vec<BoardError<'_>> = boards.collect();
         ReadingChange::of(&boards, most_off(&self.planes, values)?)
     }
@@ -300,7 +317,7 @@ fn too_few<T>(
     left_out: &[Contradiction<'_>],
     parameters: &PlaneParameters,
 ) -> Result<T, ResponseError> {
-    let told = left_out.iter().map(Contradiction::told);
+    let told = left_out.iter().map(|c| c.told(false));
     let reasons = unread.iter().cloned().chain(told);
     let reasons = reasons.map(|(name, reason)| format!("; {name}: {reason}"));
     let found = format!(
@@ -666,6 +683,23 @@ fn view_error(plane: &Plane<'_>, values: &Values) -> f64 {
     upper_median(&mut errors).unwrap_or(0.0)
 }
 
+/// What a view's readings are off by as a whole.
+fn board_error<'a>(plane: &Plane<'a>, values: &Values, is_left_out: bool) -> BoardError<'a> {
+    BoardError {
+        placement: plane.placement,
+        distance: plane.distance(),
+        at_1m: view_error(plane, values),
+        is_left_out,
+    }
+}
+
+/// The views before or after a change of the readings, whichever are fewer, if there is such a change.
+fn changed_part(planes: &[Plane<'_>], values: &Values) -> Option<Range<usize>> {
+    let boards = planes.iter().map(|plane| board_error(plane, values, false));
+    let boards: Vec<BoardError<'_>> = boards.collect();
+    smaller_part(&boards, VIEW_OFF)
+}
+
 /// The view that disagrees with all others, if there is one, and by how much at 1 m.
 fn worst(planes: &[Plane<'_>], values: &Values) -> Option<(usize, f64)> {
     if planes.len() < 5 {
@@ -703,7 +737,8 @@ fn report(
     let is_line = spans(planes, parameters.min_span);
     let line = [values[0], values[1]];
     let patches: Vec<Vec<Patch>> = planes.iter().map(|p| p.patches(lens, line)).collect();
-    let misfit = misfit::explain(&patches);
+    let placements: Vec<&str> = planes.iter().map(|p| p.placement).collect();
+    let misfit = misfit::explain_session(&placements, &patches);
     // What does not fit grows with the squared distance.
     let unfit = misfit.as_ref().map_or(0.0, |m| m.held_out * far.powi(2));
     let response = DepthResponse {

@@ -1,7 +1,8 @@
 //! Finds whether boards whose readings contradict all others agree with each other. If consecutive ones do, no board
 //! moved: the depth camera's readings changed during the session.
 
-use nalgebra::{Matrix2, Vector2};
+use nalgebra::{Matrix2, Matrix3, Vector2, Vector3};
+use std::ops::Range;
 
 /// What a board's readings are off by, as the response to the boards that were kept turns them into depth.
 #[derive(Clone, Copy, Debug)]
@@ -42,6 +43,8 @@ const FEWEST: usize = 3;
 const FEWEST_FOR_LINE: usize = 4;
 /// Part of the boards' errors that the change may leave.
 const LEAVES: f64 = 0.3;
+/// What keeps equations solvable that boards at one distance leave open; their other terms are about 1.
+const RIDGE: f64 = 1e-9;
 
 impl ReadingChange {
     /// Looks for it among the boards in their order; `limit` is by how many metres at 1 m a board may be off.
@@ -81,6 +84,59 @@ impl ReadingChange {
             "its readings changed between {before} and {after} ({}){back}",
             self.deeper.words()
         )
+    }
+}
+
+/// Looks for a change that leaves no majority: the boards before it or those after it, whichever are fewer, and of
+/// equally many those before it. `least` is by how many metres at 1 m the readings must have changed, and by how many
+/// a board may be off beside the change.
+pub(super) fn smaller_part(boards: &[BoardError<'_>], least: f64) -> Option<Range<usize>> {
+    let squares = |left: &[f64]| left.iter().map(|error| error * error).sum::<f64>();
+    let count = boards.len();
+    let whole = squares(&Step::of(boards, count, false)?.left);
+    let splits = FEWEST..(count + 1).saturating_sub(FEWEST);
+    let steps = splits.flat_map(|at| [(at, false), (at, true)]);
+    let steps = steps.filter_map(|(at, grows)| Some((at, Step::of(boards, at, grows)?)));
+    let (at, step) =
+        steps.min_by(|(_, a), (_, b)| squares(&a.left).total_cmp(&squares(&b.left)))?;
+    let is_change = step.changed.abs() > least
+        && step.left.iter().all(|error| error.abs() <= least)
+        && squares(&step.left) <= LEAVES.powi(2) * whole;
+    is_change.then(|| if 2 * at <= count { 0..at } else { at..count })
+}
+
+/// What explains errors best that a line in the distance has together with one change.
+struct Step {
+    /// By how many metres at 1 m the readings change.
+    changed: f64,
+    /// What is left of each board's error at 1 m.
+    left: Vec<f64>,
+}
+
+impl Step {
+    /// With the change before the board of this index; without one if there is no such board. It grows with the
+    /// distance, or is the same at each.
+    fn of(boards: &[BoardError<'_>], at: usize, grows: bool) -> Option<Self> {
+        let row = |(k, board): (usize, &BoardError<'_>)| {
+            let changed = match (k < at, grows) {
+                (true, _) => 0.0,
+                (false, true) => board.distance,
+                (false, false) => 1.0,
+            };
+            Vector3::new(board.distance, 1.0, changed) / board.distance.powi(2)
+        };
+        let rows: Vec<Vector3<f64>> = boards.iter().enumerate().map(row).collect();
+        let (mut matrix, mut right) = (Matrix3::from_diagonal_element(RIDGE), Vector3::zeros());
+        for (row, board) in rows.iter().zip(boards) {
+            matrix += row * row.transpose();
+            right += row * board.at_1m;
+        }
+        let found = matrix.cholesky()?.solve(&right);
+        let left = |(row, board): (&Vector3<f64>, &BoardError<'_>)| board.at_1m - row.dot(&found);
+        Some(Self {
+            changed: found.z,
+            left: rows.iter().zip(boards).map(left).collect(),
+        })
     }
 }
 
@@ -215,5 +271,22 @@ mod tests {
         // Two may have moved alike.
         assert_eq!(words(|k, z| if k >= 7 { 0.03 * z } else { 0.0 }), None);
         assert_eq!(words(|_, _| 0.0), None);
+    }
+    #[test]
+    fn of_a_change_that_leaves_no_majority_the_fewer_boards_are_found() {
+        let found = |off: &dyn Fn(usize, f64) -> f64| smaller_part(&boards(off), 4e-3);
+        let after = found(&|k, z| if k >= 5 { 0.03 * z } else { 0.0 });
+        assert_eq!(after, Some(5..9));
+        let before = found(&|k, _| if k < 4 { 0.012 } else { 0.0 });
+        assert_eq!(before, Some(0..4));
+        let little = found(&|k, _| if k >= 5 { 0.003 } else { 0.0 });
+        assert_eq!(little, None);
+        let shifts = [0.0, 0.0, 0.0, 0.0, 0.0, 0.012, -0.02, 0.03, 0.008];
+        assert_eq!(found(&|k, _| shifts[k]), None);
+        // The response is not linear, and that is no change.
+        assert_eq!(found(&|_, z| 0.1 * (z - 1.0).powi(2)), None);
+        // Too few on either side.
+        let few = boards(|k, _| if k >= 3 { 0.02 } else { 0.0 });
+        assert_eq!(smaller_part(&few[..5], 4e-3), None);
     }
 }

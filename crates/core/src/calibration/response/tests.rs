@@ -187,6 +187,34 @@ fn readings_that_change_during_the_session_are_told_from_boards_that_moved() {
 }
 
 #[test]
+fn readings_that_change_half_way_are_told_though_no_response_fits_most_boards() {
+    let poses = poses(14);
+    let frames: Vec<_> = (poses.iter().enumerate())
+        .map(|(k, pose)| {
+            let times = if k < 7 { 1.0 } else { 1.03 };
+            let truth = readings(pose, &DepthResponse::default(), no_pattern);
+            vec![truth.map(|&r| (times * f64::from(r)).round() as u16)]
+        })
+        .collect();
+    let fit = fitted(&poses, &frames).unwrap();
+    // Of equally many, those stay that tell how the camera reads now.
+    let left_out: Vec<&str> = fit.left_out.iter().map(|(name, _)| name.as_str()).collect();
+    assert_eq!(left_out, ["p0", "p1", "p2", "p3", "p4", "p5", "p6"]);
+    let now = DepthResponse {
+        slope: DepthResponse::default().slope / 1.03,
+        ..DepthResponse::default()
+    };
+    let bias = largest_bias(&fit.response, &now);
+    assert!(bias < 1e-3, "{bias}");
+    let words = fit.change.unwrap().words();
+    assert!(
+        words.starts_with("its readings changed between p6 and p7 (")
+            && words.ends_with(" % deeper)"),
+        "{words}"
+    );
+}
+
+#[test]
 fn boards_at_one_distance_give_an_offset_and_no_slope() {
     let mut poses = poses(5);
     for pose in &mut poses {
@@ -298,6 +326,35 @@ fn depth_beside_its_colour_picture_is_told_from_a_bowl_and_a_bend() {
         .unwrap();
     assert!(matches!(bent.causes[0], Cause::Curve(_)), "{bent:?}");
     assert_eq!(misread(14, |z, _, _| 1.01 * z - 0.02).misfit, None);
+}
+
+#[test]
+fn depth_that_is_displaced_in_a_part_of_the_session_is_told_with_the_placement() {
+    let poses = poses(14);
+    let told = |is_displaced: fn(usize) -> bool| {
+        let frames: Vec<_> = (poses.iter().enumerate())
+            .map(|(k, pose)| {
+                let truth = readings(pose, &DepthResponse::default(), no_pattern);
+                let by = if is_displaced(k) { 6 } else { 0 };
+                let beside = |x: usize, y: usize| truth[((x + by).min(639), y)];
+                vec![Grid::from_fn(640, 480, beside)]
+            })
+            .collect();
+        fitted(&poses, &frames).unwrap().misfit.unwrap()
+    };
+    let misfit = told(|k| k >= 7);
+    let part = SessionPart::From("p7".into());
+    assert_eq!(misfit.part, Some(part), "{misfit:?}");
+    let Cause::Misregistered([x, y]) = misfit.causes[0] else {
+        panic!("{misfit:?}")
+    };
+    assert!((x - 6.0).abs() < 1.5 && y.abs() < 1.5, "{misfit:?}");
+    assert!(
+        misfit.words().contains(" px in y from p7 on would explain"),
+        "{}",
+        misfit.words()
+    );
+    assert_eq!(told(|_| true).part, None);
 }
 
 #[test]

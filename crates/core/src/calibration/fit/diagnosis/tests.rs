@@ -4,7 +4,7 @@ use super::super::synthetic::{Random, Truth, color_lens, looking, placements};
 use super::super::{Error, Finding, Limits, Parameters, Session, View, diagnose, fit, judge};
 use super::refer_to_findings;
 use crate::calibration::{Board, CalibrationLevel, Camera, Distortion, Intrinsics};
-use nalgebra::{Isometry3, Point3, Vector2, Vector3};
+use nalgebra::{Isometry3, Point3, Translation3, Vector2, Vector3};
 use std::collections::BTreeMap;
 
 /// Cameras side by side, a fifth of a metre apart.
@@ -401,13 +401,41 @@ fn late(cameras: usize, camera: usize, from: usize, by: usize) -> Session {
 fn mirrored(cameras: usize, camera: usize, from: usize) -> Session {
     let mut session = rig(cameras, 1).session(0.1, &mut Random(7));
     let is_late = |v: &&mut View| v.camera == camera && v.placement >= from;
-    for view in session.views.iter_mut().filter(is_late) {
-        for corner in &mut view.corners {
-            corner.pixel.x = 2447.0 - corner.pixel.x;
-            corner.column = 5 - corner.column;
-        }
-    }
+    session.views.iter_mut().filter(is_late).for_each(mirror);
     session
+}
+
+fn mirror(view: &mut View) {
+    for corner in &mut view.corners {
+        corner.pixel.x = 2447.0 - corner.pixel.x;
+        corner.column = 5 - corner.column;
+    }
+}
+
+#[test]
+fn cameras_that_are_all_mirrored_are_a_consistent_rig() {
+    let mut session = rig(4, 1).session(0.1, &mut Random(7));
+    session.views.iter_mut().for_each(mirror);
+    let (findings, level) = told(&session);
+    assert!(
+        findings.is_empty() && level < CalibrationLevel::Doubtful,
+        "{findings:?}"
+    );
+}
+
+#[test]
+fn a_camera_that_is_pushed_aside_is_told_with_how_far() {
+    let truth = rig(4, 1);
+    let mut session = truth.session(0.1, &mut Random(7));
+    let mut pushed = rig(4, 1);
+    let before = &truth.cameras[2];
+    let pose = Translation3::new(0.008, 0.006, 0.0) * before.rig_from_camera;
+    pushed.cameras[2] = Camera::new(before.id.clone(), before.intrinsics, pose);
+    from_on(&mut session, &pushed.session(0.1, &mut Random(8)), 2, 13);
+    is_told(
+        &session,
+        &["camera c02 moved by ", " mm between p12 and p13"],
+    );
 }
 
 #[test]
