@@ -358,7 +358,13 @@ impl Told<'_> {
             "its form agrees, but not its colours: look whether all captures show one object"
                 .to_owned()
         });
-        loose.into_iter().chain(larger).chain(depth).chain(patterns)
+        let open = found.is_turn_only_given().then(|| {
+            "silhouettes leave the turn about its axis open, and colours do not confirm the one that \
+             was given"
+                .to_owned()
+        });
+        let doubts = loose.into_iter().chain(larger).chain(depth);
+        doubts.chain(patterns).chain(open)
     }
 
     fn words_of_refusal(&self, i: usize, refusal: Refusal, found: &Registered) -> String {
