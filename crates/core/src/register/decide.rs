@@ -132,7 +132,10 @@ impl CapturePair<'_> {
         let aligned = align(&self.a.body, &self.b.body, pose, still, None);
         let mut decision = self.state(&aligned, Ok(PoseEvidence::Given));
         decision.free_axis = self.free_axis(&aligned);
-        decision.colours = Some(self.colours_at(&aligned.pose, 0.0));
+        decision.colours = Some(match &decision.free_axis {
+            Some(axis) => self.colours_around(&aligned.pose, axis),
+            None => self.colours_at(&aligned.pose, 0.0),
+        });
         decision.depth = self.depth_near(&aligned.pose);
         let is_open = decision.free_axis.is_some()
             && decision

@@ -68,7 +68,7 @@ pub(super) const DEPTH_SIGMA_DEG: f64 = 2.0;
 
 /// Whether colours choose the pose at which they agree best.
 pub(super) fn do_colours_decide(colours: &ColorAgreement) -> bool {
-    do_colours_confirm(colours) && colours.best - colours.next > CORRELATION_MARGIN
+    colours.best > CORRELATION && colours.best - colours.next > CORRELATION_MARGIN
 }
 
 /// Whether both captures show a pattern, and the patterns have nothing in common.
@@ -78,14 +78,14 @@ pub(super) fn do_colours_contradict(colours: &ColorAgreement) -> bool {
         && colours.best < NOTHING_IN_COMMON
 }
 
-/// Whether both captures show a pattern that does not confirm a turn which silhouettes leave open.
-pub(super) fn do_colours_leave_open(colours: &ColorAgreement) -> bool {
-    colours.contrast >= PATTERN && colours.points >= COMMON_POINTS && !do_colours_confirm(colours)
+/// Whether a surface that is not plain confirms a turn which silhouettes leave open.
+pub(super) fn do_colours_confirm(colours: &ColorAgreement) -> bool {
+    colours.contrast >= PLAIN && do_colours_decide(colours)
 }
 
-/// Whether colours agree well enough at a pose to choose it.
-pub(super) fn do_colours_confirm(colours: &ColorAgreement) -> bool {
-    colours.best > CORRELATION
+/// Whether both captures surely show a pattern, and it does not confirm such a turn.
+pub(super) fn do_colours_leave_open(colours: &ColorAgreement) -> bool {
+    colours.contrast >= PATTERN && colours.points >= COMMON_POINTS && !do_colours_decide(colours)
 }
 
 /// The most own noise that a capture may have, in metres.
