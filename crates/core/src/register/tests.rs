@@ -1,5 +1,7 @@
 //! Tests the registration of bodies made of balls, whose outlines are known exactly, seen by a ring of small cameras.
 
+use super::body::Body;
+use super::touch::{Target, touch};
 use super::*;
 use crate::calibration::{Camera, DepthCamera, DepthResponse, Distortion, Intrinsics, Volume};
 use crate::frame::CameraId;
@@ -602,4 +604,66 @@ fn a_given_turn_that_outlines_leave_open_is_told_and_checked_by_colours() {
         "{wrong:?}"
     );
     assert!(wrong.is_turn_only_given(), "{wrong:?}");
+}
+
+fn body_of((scene, silhouettes): &(Scene, Vec<Silhouette>)) -> Body {
+    Body::new(&CaptureSilhouettes { scene, silhouettes }).unwrap()
+}
+
+#[test]
+fn outlines_are_known_to_a_fraction_of_a_pixel() {
+    let (radius, at) = (0.03, pose([0.0, 0.0, 1.0], 0.3));
+    let body = body_of(&capture(&[ball(0.0, 0.0, 0.0, radius)], &at));
+    let center = at * Point3::origin();
+    assert!(body.rays.len() > 500, "{}", body.rays.len());
+    let (mut worst_ray, mut worst_value) = (0.0_f64, 0.0_f64);
+    for ray in &body.rays {
+        let nearest = ray.eye + ray.direction * (center - ray.eye).dot(&ray.direction);
+        let outwards = nearest - center;
+        worst_ray = worst_ray.max((outwards.norm() - radius).abs());
+        let outline = &body.outlines[ray.view];
+        for off in [-0.001, 0.001] {
+            let p = nearest + outwards.normalize() * off;
+            let inside = outline.value(outline.in_camera(p));
+            worst_value = worst_value.max((inside + off).abs());
+        }
+    }
+    // A pixel is nearly a millimetre here, and the lenses distort.
+    assert!(worst_ray < 1e-4, "{worst_ray}");
+    assert!(worst_value < 1.5e-4, "{worst_value}");
+}
+
+#[test]
+fn the_steps_along_a_ray_miss_no_better_place() {
+    // A small thing stands out.
+    let mut balls = crooked();
+    balls.push(ball(0.0, -0.031, 0.01, 0.005));
+    let poses = [pose([0.0, 0.0, 1.0], 0.3), pose([1.0, 0.3, 0.2], 2.6)];
+    let [own, other] = poses.each_ref().map(|p| body_of(&capture(&balls, p)));
+    let target = Target {
+        body: &other,
+        body_from_ray: poses[1] * poses[0].inverse(),
+        is_self: false,
+    };
+    let (mut sum, mut worst, mut count) = (0.0, 0.0_f64, 0.0);
+    for ray in own.chosen_rays(30) {
+        let found = touch(&own, ray, &[target], None).inside;
+        // Every tenth of a millimetre, for all of the ray that may touch.
+        let at = |i: i32| ray.eye + ray.direction * (0.2 + 1e-4 * f64::from(i));
+        let inside = |p: Point3<f64>| {
+            let other = other.value(target.body_from_ray * p, f64::NEG_INFINITY);
+            other.min(p.z - own.floor)
+        };
+        let most = (0..5000).map(|i| inside(at(i)));
+        let missed = (most.fold(f64::NEG_INFINITY, f64::max) - found).max(0.0);
+        sum += missed;
+        worst = worst.max(missed);
+        count += 1.0;
+    }
+    assert!(count > 20.0, "{count}");
+    assert!(
+        sum / count < 1e-5 && worst < 3e-4,
+        "{} {worst}",
+        sum / count
+    );
 }
