@@ -667,3 +667,13 @@ fn the_steps_along_a_ray_miss_no_better_place() {
         sum / count
     );
 }
+
+#[test]
+fn what_no_camera_faced_lies_underneath_until_the_body_is_turned_over() {
+    let poses = [pose([0.0, 0.0, 1.0], 0.3), pose([1.0, 0.3, 0.2], 2.6)];
+    let captures = poses.each_ref().map(|p| capture(&crooked(), p));
+    let one = registered(&captures[..1]).unseen;
+    assert!(one.share > 0.02 && one.towards.z < -0.5, "{one:?}");
+    let both = registered(&captures).unseen;
+    assert!(both.share < 0.7 * one.share, "{both:?} {one:?}");
+}
