@@ -13,12 +13,13 @@ use std::sync::Arc;
 use std::sync::mpsc::{Receiver, channel};
 use std::time::Duration;
 
-/// What every script begins with: `$subject`, `$newest`, `$register` and `$out`, and `found` and `make`.
+/// What every script begins with: `$subject`, `$newest`, `$register`, `$nice` and `$out`, and `found` and `make`.
 const BEGIN: &str = r#"
 while [ $# -gt 0 ]; do
     case $1 in
     --subject=*) subject=${1#--subject=} ;;
     --newest=*) newest=${1#--newest=} ;;
+    --nice=*) nice=${1#--nice=} ;;
     --out) out=$2 ;;
     --register) register=1 ;;
     esac
@@ -43,9 +44,14 @@ impl Place {
         let place = Self(tempfile::tempdir().unwrap());
         std::fs::create_dir(place.recordings()).unwrap();
         std::fs::write(place.recordings().join("s.mcap"), "").unwrap();
-        let text = format!("{BEGIN}{script}\n");
-        std::fs::write(place.path().join("worker.sh"), text).unwrap();
+        place.does(script);
         place
+    }
+
+    /// From now on, processes do this.
+    fn does(&self, script: &str) {
+        let text = format!("{BEGIN}{script}\n");
+        std::fs::write(self.path().join("worker.sh"), text).unwrap();
     }
 
     fn path(&self) -> &Path {
@@ -96,7 +102,13 @@ struct Heard(Receiver<ObjectResult>);
 
 impl Heard {
     fn next(&self) -> ObjectResult {
-        self.0.recv_timeout(Duration::from_secs(60)).unwrap()
+        self.0.recv_timeout(Duration::from_secs(300)).unwrap()
+    }
+
+    /// Nothing is told for longer than it takes to look whether something may begin.
+    fn nothing(&self) {
+        let told = self.0.recv_timeout(Duration::from_secs(1));
+        assert!(told.is_err(), "{told:?}");
     }
 }
 
@@ -161,6 +173,123 @@ fn a_newer_capture_takes_the_place_of_the_job_that_waits() {
 }
 
 #[test]
+fn poses_are_found_before_models_that_wait_and_the_object_is_fused_after_them() {
+    let script = "echo $nice >> \"$out/nice\"; found 2; [ \"$register\" ] || make";
+    let place = Place::new(script);
+    let jobs = place.jobs();
+    // The model of a capture waits, because nothing here makes any.
+    let waiting = Job::new(&place.recordings().join("s.mcap"), "s-0001", 1, "test");
+    jobs.enqueue(&waiting).unwrap();
+    place.captured(&jobs, 1, "17");
+    place.captured(&jobs, 2, "17");
+    let (_workers, heard) = place.start(&jobs);
+    assert_eq!(capture_of(&heard.next()), ("s-0002", true));
+    heard.nothing();
+    // It is being made.
+    let taken = jobs.take().unwrap();
+    heard.nothing();
+    jobs.finish(&taken, true);
+    assert_eq!(capture_of(&heard.next()), ("s-0002", false));
+    let nice = std::fs::read_to_string(place.path().join("models/nice")).unwrap();
+    let nice: Vec<u32> = nice.lines().map(|line| line.parse().unwrap()).collect();
+    // Somebody waits for poses, and nobody for the object's model.
+    assert!(nice.len() == 2 && nice[0] < nice[1], "{nice:?}");
+}
+
+#[test]
+fn a_capture_that_comes_while_poses_are_found_has_them_found_next() {
+    // The first one goes on until it is told to end.
+    let place = Place::new(
+        "found 2; [ \"$register\" ] || make; touch \"$out/begun-$newest\"
+         while [ \"$newest\" = s-0002 ] && [ ! -e \"$out/go\" ]; do sleep 0.1; done",
+    );
+    let jobs = place.jobs();
+    place.captured(&jobs, 1, "17");
+    place.captured(&jobs, 2, "17");
+    let (_workers, heard) = place.start(&jobs);
+    let models = place.path().join("models");
+    until("poses are being found", || {
+        models.join("begun-s-0002").exists()
+    });
+    place.captured(&jobs, 3, "17");
+    assert_eq!((place.left(), jobs.objects().len()), (1, 1));
+    std::fs::write(models.join("go"), "").unwrap();
+    let told = [heard.next(), heard.next(), heard.next()];
+    // The older one is told, and no model is made of it.
+    assert_eq!(
+        told.each_ref().map(capture_of),
+        [("s-0002", true), ("s-0003", true), ("s-0003", false)]
+    );
+    until("its job is done", || place.left() == 0);
+}
+
+#[test]
+fn a_stop_while_poses_are_found_has_them_found_again() {
+    let place = Place::new("touch \"$out/begun\"; sleep 600");
+    let jobs = place.jobs();
+    place.captured(&jobs, 1, "17");
+    place.captured(&jobs, 2, "17");
+    let (workers, heard) = place.start(&jobs);
+    let begun = place.path().join("models/begun");
+    until("poses are being found", || begun.exists());
+    workers.stop();
+    assert!(heard.0.try_recv().is_err());
+    assert_eq!(place.left(), 1);
+    place.does("found 2; [ \"$register\" ] || make");
+    let again = place.jobs();
+    let (_workers, heard) = place.start(&again);
+    let told = [heard.next(), heard.next()];
+    assert_eq!(
+        told.each_ref().map(capture_of),
+        [("s-0002", true), ("s-0002", false)]
+    );
+    until("its job is done", || place.left() == 0);
+}
+
+#[test]
+fn a_crash_repeats_a_job_but_not_for_ever() {
+    let place = Place::new("found 2; [ \"$register\" ] || make");
+    // What is told after the daemon ended without a word while it did a job that it had begun so often.
+    let after_crashes = |begun: u32, is_registered: bool| -> Vec<ObjectResult> {
+        let jobs = place.jobs();
+        place.captured(&jobs, 1, "17");
+        place.captured(&jobs, 2, "17");
+        let mut taken = jobs.objects().take(false, || true).unwrap();
+        taken.job.newest.begun = begun;
+        taken.job.is_registered = is_registered;
+        jobs.objects().note(&taken);
+        drop(jobs);
+        let jobs = place.jobs();
+        let (_workers, heard) = place.start(&jobs);
+        until("its job is done", || place.left() == 0);
+        heard.0.try_iter().collect()
+    };
+    let too_often = "it was started 3 times";
+    let told = after_crashes(3, true);
+    let [ObjectResult::Fused { model, .. }] = &told[..] else {
+        panic!("{told:?}");
+    };
+    let reason = model.as_ref().unwrap_err();
+    assert!(reason.contains(too_often), "{reason}");
+    let report = place.path().join("models/s/17.object/report.json");
+    let report = std::fs::read_to_string(report).unwrap();
+    assert!(report.contains(too_often), "{report}");
+    for begun in [1, 3] {
+        let told = after_crashes(begun, false);
+        let [
+            ObjectResult::Registered { poses, .. },
+            ObjectResult::Fused { model, .. },
+        ] = &told[..]
+        else {
+            panic!("{told:?}");
+        };
+        assert_eq!(poses.words.contains(too_often), begun == 3, "{poses:?}");
+        // Who was told that there are no poses is not told that there is no model: that is tried anew.
+        assert!(model.is_ok(), "{model:?}");
+    }
+}
+
+#[test]
 fn a_stop_repeats_what_was_being_done() {
     let place =
         Place::new("if [ \"$register\" ]; then found 2; else touch \"$out/begun\"; sleep 600; fi");
@@ -173,8 +302,7 @@ fn a_stop_repeats_what_was_being_done() {
     until("the model is being made", || begun.exists());
     workers.stop();
     assert_eq!(place.left(), 1);
-    let text = format!("{BEGIN}found 2; make\n");
-    std::fs::write(place.path().join("worker.sh"), text).unwrap();
+    place.does("found 2; make");
     let again = place.jobs();
     assert!(again.has_jobs_of_session("s") && !again.is_idle());
     let (_workers, heard) = place.start(&again);

@@ -3,6 +3,7 @@
 
 use super::session;
 use crate::desk::{Desk, said};
+use crate::hostile::recording::ball as recorded_ball;
 use scand::capture::CaptureSession;
 use scand::config::Config;
 use scand::frame::CaptureId;
@@ -167,4 +168,47 @@ fn a_file_of_poses_fits_whether_or_not_a_capture_was_rejected() {
         words.contains("3 poses for 2 captures of the object") && words.contains("each of the 1 "),
         "{words}"
     );
+}
+
+/// Records one capture of a ball, which has this name and this subject.
+fn record_as(path: &Path, id: &str, subject: &str) {
+    let recorded = recorded_ball().with_json("/trigger", |trigger| {
+        trigger["id"] = id.into();
+        trigger["subject"] = subject.into();
+    });
+    recorded.write(path, None);
+}
+
+#[test]
+fn a_subject_of_any_length_has_a_folder_but_never_that_of_a_capture() {
+    let desk = Desk::new();
+    let fuse = |recording: &str, subject: &str| {
+        #[rustfmt::skip]
+        let arguments = ["fuse", recording, "--subject", subject, "--set", "hull.resolution=40", "-q"];
+        let ended = desk.run(&arguments);
+        (ended.status.code(), said(&ended))
+    };
+    let long = "../".repeat(1366);
+    record_as(&desk.path("long.mcap"), "ball-000", &long);
+    let (code, words) = fuse("long.mcap", &long);
+    assert_eq!(code, Some(0), "{words}");
+    let entries = std::fs::read_dir(desk.path("out/long")).unwrap();
+    let names = entries.map(|entry| entry.unwrap().file_name().into_string().unwrap());
+    let names: Vec<String> = names.filter(|name| !name.starts_with('.')).collect();
+    let [name] = &names[..] else {
+        panic!("{names:?}");
+    };
+    assert!(name.len() == 200 && name.ends_with(".object"), "{name}");
+    assert!(desk.path(&format!("out/long/{name}/model.glb")).is_file());
+    // One that begins alike is another object.
+    let (code, words) = fuse("long.mcap", &long[3..]);
+    assert_eq!(code, Some(1), "{words}");
+    assert!(words.contains("no capture of subject"), "{words}");
+
+    record_as(&desk.path("taken.mcap"), "17.object", "17");
+    let (code, words) = fuse("taken.mcap", "17");
+    assert_eq!(code, Some(1), "{words}");
+    let why = "a capture of this recording has this name";
+    assert!(words.contains(why), "{words}");
+    assert!(!desk.path("out/taken/17.object").exists());
 }

@@ -4,11 +4,14 @@
 
 mod bytes;
 mod captures;
+mod given;
 mod negatives;
 mod poses;
 mod score;
 
 use assert_cmd::Command;
+use scand::evaluate::load::load;
+use scand::mesh::volume_and_total_area;
 use scand::recording::Compression;
 use scand_lab::{DepthSensor, Encoding, Options, Pose, Shape, Simulation, write};
 use serde_json::Value;
@@ -54,6 +57,8 @@ struct Fused {
     words: String,
     /// Whether there is a model.
     has_model: bool,
+    /// Its volume, in cubic metres.
+    volume: Option<f64>,
 }
 
 /// Renders a session and fuses its captures.
@@ -74,7 +79,10 @@ fn fuse(options: Options) -> Fused {
     let object: PathBuf = folder.path().join(format!("out/turned/{SUBJECT}.object"));
     let report = std::fs::read(object.join("report.json")).ok();
     let said = [ended.stdout, ended.stderr].concat();
+    let model = object.join("model.ply");
+    let model = model.exists().then(|| load(&model).unwrap().mesh);
     Fused {
+        volume: model.map(|mesh| volume_and_total_area(&mesh).0),
         simulation,
         code: ended.status.code(),
         report: report.map(|bytes| serde_json::from_slice(&bytes).unwrap()),
@@ -103,7 +111,10 @@ fn ten_shapes_in_random_poses() {
         .ok()
         .and_then(|n| n.parse().ok())
         .unwrap_or(10);
-    let wrong = poses::trial(count);
-    let fused = negatives::trial();
-    assert!(wrong.is_empty() && fused.is_empty(), "{wrong:?} {fused:?}");
+    let wrong = [
+        poses::trial(count),
+        poses::hollow_trial(),
+        negatives::trial(),
+    ];
+    assert!(wrong.iter().all(Vec::is_empty), "{wrong:?}");
 }

@@ -79,10 +79,13 @@ pub(super) fn trial() -> Vec<String> {
         "a pit that no outline crosses: exit code {:?}: {told}",
         fused.code
     );
+    if !fused.has_model {
+        wrong.push("a pit, because of which there is no model".to_owned());
+    }
     if !fused.words.contains("not seen by outlines") {
         wrong.push("a pit, of which nothing is said".to_owned());
     }
-    println!("fused although they must not be: {wrong:?}");
+    println!("not as they must be: {wrong:?}");
     wrong
 }
 

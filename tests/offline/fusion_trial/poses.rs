@@ -2,6 +2,7 @@
 
 use super::score::{PoseError, error, pose};
 use super::{Fused, fuse, session};
+use scand::mesh::volume_and_total_area;
 use scand_lab::Shape;
 
 /// A shape with or without a pattern.
@@ -151,6 +152,52 @@ pub(super) fn trial(count: u64) -> Vec<String> {
     }
     println!("shapes that limits were set on: {:?}", sums[0]);
     println!("other shapes:                   {:?}", sums[1]);
+    println!("wrong: {wrong:?}");
+    wrong
+}
+
+/// Bowls with fruit, whose outside shows no turn, in four captures each, at 1280x960. Each turn is found to 2 degrees
+/// or not stated, and no pose carves the fruit away: a bowl may lose 5 % of its volume. What is not so.
+pub(super) fn hollow_trial() -> Vec<String> {
+    const STATED_DEG: f64 = 2.0;
+    const LEAST_VOLUME: f64 = 0.95;
+    let mut wrong = Vec::new();
+    for (has_pattern, seed) in [(true, 1), (true, 2), (true, 3), (false, 1), (false, 2)] {
+        let words = "upright,flip,side,turn:130";
+        let fused = fuse(session(
+            Shape::FruitBowl,
+            has_pattern,
+            1280,
+            words,
+            2000 + seed,
+        ));
+        let (simulation, captures) = (&fused.simulation, fused.captures());
+        let share = fused
+            .volume
+            .map(|volume| volume / volume_and_total_area(simulation.truth()).0);
+        let name = format!("a bowl with fruit, pattern {has_pattern}, seed {seed}");
+        println!(
+            "{name}: exit code {:?}, share of the volume {share:?}",
+            fused.code
+        );
+        if share.is_some_and(|share| share < LEAST_VOLUME) {
+            wrong.push(format!("{name}: the volume"));
+        }
+        let first = captures.first().and_then(|c| pose(&c["rig_from_object"]));
+        for (i, capture) in captures.iter().enumerate().skip(1) {
+            let stated = pose(&capture["rig_from_object"]).zip(first);
+            let Some((found, first)) = stated else {
+                println!("    {}", capture["words"]);
+                continue;
+            };
+            let (truth, found) = (simulation.rig_from_object(i), found * first.inverse());
+            let error = error(simulation.truth(), true, &truth, &found);
+            println!("    held by {}: {error:?}", capture["held_by"]);
+            if capture["held_by"] != "nothing" && error.turned_deg > STATED_DEG {
+                wrong.push(format!("{name}: the turn of capture {i}"));
+            }
+        }
+    }
     println!("wrong: {wrong:?}");
     wrong
 }

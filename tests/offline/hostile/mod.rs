@@ -6,5 +6,5 @@
 mod command;
 mod contents;
 mod damaged;
-mod recording;
+pub(crate) mod recording;
 mod tiny;

@@ -4,7 +4,7 @@
 use super::align::{Aligned, Rays, align};
 use super::body::Body;
 use super::depth::Depths;
-use super::determination::Determination;
+use super::determination::{Determination, axis};
 use super::motion::displacement;
 use super::noise::{self, Disagreement};
 use super::scale;
@@ -131,11 +131,28 @@ impl CapturePair<'_> {
         };
         let aligned = align(&self.a.body, &self.b.body, pose, still, None);
         let mut decision = self.state(&aligned, Ok(PoseEvidence::Given));
-        decision.colours = Some(self.colours_at(&aligned.pose, 0.0));
+        decision.free_axis = self.free_axis(&aligned);
+        decision.colours = Some(match &decision.free_axis {
+            Some(axis) => self.colours_around(&aligned.pose, axis),
+            None => self.colours_at(&aligned.pose, 0.0),
+        });
         decision.depth = self.depth_near(&aligned.pose);
+        let is_open = decision.free_axis.is_some()
+            && decision
+                .colours
+                .as_ref()
+                .is_some_and(limits::do_colours_leave_open);
         // Readings on a steep wall may contradict the true pose.
-        decision.is_doubtful = self.is_contradicted(&decision) || decision.do_colours_contradict();
+        decision.is_doubtful =
+            self.is_contradicted(&decision) || decision.do_colours_contradict() || is_open;
         decision
+    }
+
+    /// The axis about which the silhouettes leave the turn of a pose open, in the second's rig.
+    fn free_axis(&self, aligned: &Aligned) -> Option<UnitVector3<f64>> {
+        let determination = Determination::of(&self.a.body, &self.b.body, aligned, self.object);
+        let is_free = determination.is_free();
+        is_free.then(|| axis(&determination.softest)).flatten()
     }
 
     fn found(&self) -> Decision {

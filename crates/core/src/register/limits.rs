@@ -78,6 +78,16 @@ pub(super) fn do_colours_contradict(colours: &ColorAgreement) -> bool {
         && colours.best < NOTHING_IN_COMMON
 }
 
+/// Whether a surface that is not plain confirms a turn which silhouettes leave open.
+pub(super) fn do_colours_confirm(colours: &ColorAgreement) -> bool {
+    colours.contrast >= PLAIN && do_colours_decide(colours)
+}
+
+/// Whether both captures surely show a pattern, and it does not confirm such a turn.
+pub(super) fn do_colours_leave_open(colours: &ColorAgreement) -> bool {
+    colours.contrast >= PATTERN && colours.points >= COMMON_POINTS && !do_colours_decide(colours)
+}
+
 /// The most own noise that a capture may have, in metres.
 pub(super) fn own(pixel: f64) -> f64 {
     OWN.max(OWN_PX * pixel)

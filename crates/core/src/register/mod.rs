@@ -209,6 +209,16 @@ impl Registered {
                 .as_ref()
                 .is_some_and(limits::do_colours_contradict)
     }
+
+    /// Whether its pose was given, silhouettes leave a turn open, and colours do not confirm the turn that was given:
+    /// nothing else says that it is right.
+    pub fn is_turn_only_given(&self) -> bool {
+        let is_confirmed = self
+            .colours
+            .as_ref()
+            .is_some_and(limits::do_colours_confirm);
+        self.verdict == Ok(PoseEvidence::Given) && self.free_axis.is_some() && !is_confirmed
+    }
 }
 
 impl Registration {

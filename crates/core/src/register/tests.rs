@@ -1,12 +1,15 @@
 //! Tests the registration of bodies made of balls, whose outlines are known exactly, seen by a ring of small cameras.
 
+use super::body::Body;
+use super::touch::{Target, touch};
 use super::*;
-use crate::calibration::{Camera, Distortion, Intrinsics, Volume};
+use crate::calibration::{Camera, DepthCamera, DepthResponse, Distortion, Intrinsics, Volume};
 use crate::frame::CameraId;
 use crate::image::{Grid, Mask, RgbImage};
 use crate::reconstruct::silhouette::Facts;
-use crate::reconstruct::{ColorView, SilhouetteSource};
+use crate::reconstruct::{ColorView, DepthFrame, DepthView, SilhouetteSource};
 use nalgebra::{Point2, Point3, UnitQuaternion, Vector2, Vector3};
+use std::sync::Arc;
 
 /// Centre in the object's frame, and radius.
 type Ball = (Point3<f64>, f64);
@@ -29,6 +32,17 @@ fn crooked() -> Vec<Ball> {
 /// A body of revolution.
 fn round() -> Vec<Ball> {
     vec![ball(0.0, 0.0, 0.0, 0.03), ball(0.0, 0.0, 0.035, 0.018)]
+}
+
+/// A ball with as many equal ones around it, which fits again after each of as many turns.
+fn with_handles(count: usize) -> Vec<Ball> {
+    let handle = |i: usize| {
+        let turn = std::f64::consts::TAU * i as f64 / count as f64;
+        ball(0.036 * turn.cos(), 0.036 * turn.sin(), 0.01, 0.012)
+    };
+    std::iter::once(ball(0.0, 0.0, 0.0, 0.03))
+        .chain((0..count).map(handle))
+        .collect()
 }
 
 fn cameras() -> Vec<Camera> {
@@ -94,6 +108,78 @@ fn capture(balls: &[Ball], rig_from_object: &Isometry3<f64>) -> (Scene, Vec<Silh
     (scene, silhouettes)
 }
 
+/// Where a ray enters and leaves a ball.
+fn crossings((center, radius): &Ball, eye: Point3<f64>, ray: Vector3<f64>) -> Option<[f64; 2]> {
+    let to_center = center - eye;
+    let along = to_center.dot(&ray);
+    let squared = radius * radius - (to_center - ray * along).norm_squared();
+    (squared > 0.0).then(|| [along - squared.sqrt(), along + squared.sqrt()])
+}
+
+/// Adds what a depth camera above reads of a hollow, which is the lower half of a ball around the object's origin, and
+/// of the balls that lie in it.
+fn hollowed(
+    (mut scene, silhouettes): (Scene, Vec<Silhouette>),
+    rig_from_object: &Isometry3<f64>,
+    inside: &[Ball],
+) -> (Scene, Vec<Silhouette>) {
+    let hollow = ball(0.0, 0.0, 0.0, 0.022);
+    let eye = Point3::new(0.0, 0.0, 0.5);
+    let look = Isometry3::face_towards(&eye, &Point3::new(0.0, 0.0, 0.05), &Vector3::y());
+    let (focal, center) = (Vector2::repeat(700.0), Vector2::new(160.0, 120.0));
+    let lens = Intrinsics::new(SIZE.0, SIZE.1, focal, center, Distortion::default());
+    let camera = Camera::new(CameraId::new("depth").unwrap(), lens.unwrap(), look);
+    let axis = look.rotation * Vector3::z();
+    let object_from_rig = rig_from_object.inverse();
+    let from = object_from_rig * eye;
+    let reading = |x: usize, y: usize| {
+        let ray = camera.ray(Point2::new(x as f64, y as f64)).unwrap();
+        let turned = object_from_rig.rotation * ray;
+        let far = crossings(&hollow, from, turned).map(|[_, leaves]| leaves);
+        let far = far.filter(|&along| (from + turned * along).z < 0.0);
+        let near = inside
+            .iter()
+            .filter_map(|ball| crossings(ball, from, turned));
+        let nearest = near.map(|[enters, _]| enters).chain(far);
+        let nearest = nearest.fold(f64::INFINITY, f64::min);
+        if nearest.is_finite() {
+            // In tenths of a millimetre along the optical axis.
+            (1e4 * nearest * ray.dot(&axis)).round() as u16
+        } else {
+            0
+        }
+    };
+    scene.depths.push(DepthView {
+        frames: vec![DepthFrame {
+            readings: Grid::from_fn(SIZE.0, SIZE.1, reading),
+            color: Arc::new(RgbImage::default()),
+        }],
+        camera: DepthCamera {
+            camera,
+            response: DepthResponse {
+                slope: 1e-4,
+                ..DepthResponse::default()
+            },
+        },
+    });
+    (scene, silhouettes)
+}
+
+/// What two captures say of the second one's pose where both are given.
+fn checked(captures: &[(Scene, Vec<Silhouette>); 2], given: [Isometry3<f64>; 2]) -> Registered {
+    let captures = captures
+        .each_ref()
+        .map(|(scene, silhouettes)| Some(CaptureSilhouettes { scene, silhouettes }));
+    register(&captures, 0, Some(&given)).captures.remove(1)
+}
+
+/// Degrees by which a pose of the second capture is off.
+fn error_deg(found: &Registered, poses: &[Isometry3<f64>; 2]) -> f64 {
+    let truth = poses[1] * poses[0].inverse();
+    let found = found.rig_from_object.unwrap();
+    (truth.inverse() * found).rotation.angle().to_degrees()
+}
+
 /// Paints a capture's pictures: brightness of a point of the object's frame, 0 to 1, where a camera sees a ball.
 fn painted(
     (mut scene, silhouettes): (Scene, Vec<Silhouette>),
@@ -107,13 +193,8 @@ fn painted(
         let color = |x: usize, y: usize| {
             let ray = camera.ray(Point2::new(x as f64, y as f64)).unwrap();
             let ray = rig_from_object.rotation.inverse() * ray;
-            let hits = balls.iter().filter_map(|(center, radius)| {
-                let to_center = center - eye;
-                let along = to_center.dot(&ray);
-                let squared = radius * radius - (to_center - ray * along).norm_squared();
-                (squared > 0.0).then(|| along - squared.sqrt())
-            });
-            let nearest = hits.fold(f64::INFINITY, f64::min);
+            let hits = balls.iter().filter_map(|ball| crossings(ball, eye, ray));
+            let nearest = hits.map(|[enters, _]| enters).fold(f64::INFINITY, f64::min);
             let value = if nearest.is_finite() {
                 40.0 + 180.0 * brightness(eye + ray * nearest)
             } else {
@@ -147,6 +228,11 @@ fn pose(axis: [f64; 3], radians: f64) -> Isometry3<f64> {
     Isometry3::from_parts(nalgebra::Translation3::new(0.004, -0.006, 0.055), turn)
 }
 
+/// A turn about the axis of a body of revolution.
+fn turn(degrees: f64) -> Isometry3<f64> {
+    Isometry3::rotation(Vector3::z() * degrees.to_radians())
+}
+
 #[test]
 fn a_crooked_body_is_found_by_its_outlines_in_any_pose() {
     let poses = [pose([0.0, 0.0, 1.0], 0.3), pose([1.0, 0.3, 0.2], 2.6)];
@@ -159,14 +245,11 @@ fn a_crooked_body_is_found_by_its_outlines_in_any_pose() {
     assert!(error.rotation.angle().to_degrees() < 0.5, "{second:?}");
     assert!((error * Point3::new(0.0, 0.0, 0.055) - Point3::new(0.0, 0.0, 0.055)).norm() < 3e-4);
     // The same without the search, from a pose that is given, and refused from a wrong one.
-    let given = |second: Isometry3<f64>| {
-        let captures = captures
-            .each_ref()
-            .map(|(scene, silhouettes)| Some(CaptureSilhouettes { scene, silhouettes }));
-        register(&captures, 0, Some(&[poses[0], second])).captures[1].verdict
-    };
-    assert_eq!(given(poses[1]), Ok(PoseEvidence::Given));
-    assert!(given(pose([1.0, 0.3, 0.2], 2.5)).is_err());
+    let given = checked(&captures, poses);
+    assert_eq!(given.verdict, Ok(PoseEvidence::Given));
+    assert_eq!(given.free_axis, None);
+    let wrong = checked(&captures, [poses[0], pose([1.0, 0.3, 0.2], 2.5)]);
+    assert!(wrong.verdict.is_err(), "{wrong:?}");
 }
 
 #[test]
@@ -341,4 +424,256 @@ fn a_small_scale_between_calibrations_makes_a_pose_doubtful() {
     assert_eq!(second.level, Level::Amber, "{second:?}");
     let larger_by = second.larger_by.unwrap();
     assert!((larger_by - 0.003).abs() < 0.0015, "{larger_by}");
+}
+
+/// Two poses that show nearly the same sides, so that patterns have much in common.
+fn near_poses() -> [Isometry3<f64>; 2] {
+    [pose([0.0, 0.0, 1.0], 0.3), pose([0.1, 0.2, 1.0], 1.4)]
+}
+
+/// A body in two poses, painted or grey.
+fn twice(
+    balls: &[Ball],
+    poses: &[Isometry3<f64>; 2],
+    brightness: fn(Point3<f64>) -> f64,
+) -> [(Scene, Vec<Silhouette>); 2] {
+    poses
+        .each_ref()
+        .map(|pose| painted(capture(balls, pose), balls, pose, brightness))
+}
+
+/// Colours alone must find the turn of a painted body.
+fn colours_find_the_turn_of(body: &[Ball]) {
+    let poses = near_poses();
+    let captures = twice(body, &poses, other_stripes);
+    let second = registered(&captures).captures.remove(1);
+    assert_eq!(second.verdict, Ok(PoseEvidence::Colours), "{second:?}");
+    let error = error_deg(&second, &poses);
+    assert!(error < 3.0, "{error} degrees: {second:?}");
+}
+
+#[test]
+fn colours_find_the_turn_of_a_body_of_revolution() {
+    colours_find_the_turn_of(&round());
+}
+
+#[test]
+fn colours_tell_one_of_two_equal_handles_from_the_other() {
+    colours_find_the_turn_of(&with_handles(2));
+}
+
+#[test]
+fn a_pattern_that_is_the_same_all_round_tells_no_turn() {
+    fn rings(p: Point3<f64>) -> f64 {
+        0.5 + 0.4 * (430.0 * p.z).cos()
+    }
+    let captures = twice(&round(), &near_poses(), rings);
+    let second = registered(&captures).captures.remove(1);
+    let is_claimed = !matches!(
+        second.verdict,
+        Ok(PoseEvidence::Nothing) | Err(Refusal::Undecided)
+    );
+    assert!(!is_claimed && second.level > Level::Green, "{second:?}");
+}
+
+#[test]
+fn a_plain_body_that_fits_in_several_turns_has_all_of_them_as_rivals() {
+    let poses = near_poses();
+    for count in [2, 5] {
+        let body = with_handles(count);
+        let captures = poses.each_ref().map(|p| capture(&body, p));
+        let second = registered(&captures).captures.remove(1);
+        assert_eq!(second.verdict, Ok(PoseEvidence::Nothing), "{second:?}");
+        assert_eq!(second.level, Level::Amber);
+        assert_eq!(second.free_axis, None, "{second:?}");
+        // All turns but the one that was taken, whichever that is.
+        let step = 360.0 / count as f64;
+        assert_eq!(second.rivals.len(), count - 1, "{second:?}");
+        for rival in &second.rivals {
+            let off = (rival.turned_deg / step - (rival.turned_deg / step).round()).abs() * step;
+            assert!(off < 2.0, "{rival:?}");
+        }
+        // And the one that was taken is one of them.
+        let error = error_deg(&second, &poses) / step;
+        assert!((error - error.round()).abs() * step < 2.0, "{second:?}");
+    }
+}
+
+#[test]
+fn of_three_free_turns_none_is_stated_that_is_wrong() {
+    let balls = [ball(0.0, 0.0, 0.0, 0.03)];
+    let poses = near_poses();
+    let painted = twice(&balls, &poses, other_stripes);
+    let painted = registered(&painted).captures.remove(1);
+    assert_ne!(painted.verdict, Ok(PoseEvidence::Nothing), "{painted:?}");
+    let is_right = || error_deg(&painted, &poses) < 3.0;
+    assert!(painted.verdict.is_err() || is_right(), "{painted:?}");
+    let plain = poses.each_ref().map(|p| capture(&balls, p));
+    let plain = registered(&plain).captures.remove(1);
+    assert!(plain.level > Level::Green, "{plain:?}");
+    // Where it has a place, the centre is known.
+    if plain.is_placed() {
+        let [first, second] = poses.map(|pose| pose * Point3::origin());
+        let off = plain.rig_from_object.unwrap() * first - second;
+        assert!(off.norm() < 3e-4, "{plain:?}");
+    }
+}
+
+/// What lies in a hollow.
+fn fruit() -> [Ball; 2] {
+    [
+        ball(0.013, 0.0, -0.004, 0.007),
+        ball(-0.004, 0.011, -0.004, 0.006),
+    ]
+}
+
+#[test]
+fn what_lies_in_the_hollow_of_a_round_body_is_not_turned_at_will() {
+    let poses = [pose([0.0, 0.0, 1.0], 0.3), pose([0.0, 0.0, 1.0], 1.4)];
+    let captures = poses
+        .each_ref()
+        .map(|p| hollowed(capture(&round(), p), p, &fruit()));
+    let second = registered(&captures).captures.remove(1);
+    // Without depth, the turn would be taken for one that changes nothing.
+    assert!(
+        matches!(
+            second.verdict,
+            Ok(PoseEvidence::Depth) | Err(Refusal::Undecided)
+        ),
+        "{second:?}"
+    );
+    assert!(
+        second.verdict.is_err() || error_deg(&second, &poses) < 3.0,
+        "{second:?}"
+    );
+    // Depth bears the right pose, and contradicts one that is turned by 50 degrees.
+    let right = checked(&captures, poses);
+    assert_eq!(right.verdict, Ok(PoseEvidence::Given), "{right:?}");
+    let share = right.depth.unwrap().contradicting;
+    assert!(share < 0.01, "{right:?}");
+    let turned = poses[1] * turn(50.0);
+    let wrong = checked(&captures, [poses[0], turned]);
+    assert_eq!(wrong.level, Level::Amber, "{wrong:?}");
+    let share = wrong.depth.unwrap().contradicting;
+    assert!(share > 0.05, "{wrong:?}");
+}
+
+#[test]
+fn depth_refuses_a_pose_that_outlines_hold_when_something_moved_in_the_hollow() {
+    let poses = [pose([0.0, 0.0, 1.0], 0.3), pose([0.0, 0.0, 1.0], 1.4)];
+    let moved = fruit().map(|(center, radius)| (turn(180.0) * center, radius));
+    let captures = |second: &[Ball]| {
+        [&fruit()[..], second]
+            .into_iter()
+            .zip(&poses)
+            .map(|(inside, p)| hollowed(capture(&crooked(), p), p, inside))
+            .collect::<Vec<_>>()
+    };
+    let second = registered(&captures(&fruit())).captures.remove(1);
+    assert_eq!(second.verdict, Ok(PoseEvidence::Silhouettes), "{second:?}");
+    let second = registered(&captures(&moved)).captures.remove(1);
+    assert_eq!(second.verdict, Err(Refusal::DepthContradicts), "{second:?}");
+}
+
+#[test]
+fn a_given_turn_that_outlines_leave_open_is_told_and_checked_by_colours() {
+    let poses = near_poses();
+    let turned = [poses[0], poses[1] * turn(50.0)];
+    // Plain: whatever turn is given is as good as any, and the report says where it is open.
+    let plain = poses.each_ref().map(|p| capture(&round(), p));
+    for given in [poses, turned] {
+        let second = checked(&plain, given);
+        assert_eq!(second.verdict, Ok(PoseEvidence::Given), "{second:?}");
+        let axis = second.free_axis.unwrap();
+        assert!(axis.z.abs() > 0.98, "{second:?}");
+        assert!(second.is_turn_only_given(), "{second:?}");
+    }
+    // Painted: colours confirm the right turn, and leave another one in doubt.
+    let painted = twice(&round(), &poses, other_stripes);
+    let right = checked(&painted, poses);
+    assert_eq!(
+        (right.verdict, right.level),
+        (Ok(PoseEvidence::Given), Level::Green),
+        "{right:?}"
+    );
+    assert!(!right.is_turn_only_given(), "{right:?}");
+    let wrong = checked(&painted, turned);
+    assert_eq!(
+        (wrong.verdict, wrong.level),
+        (Ok(PoseEvidence::Given), Level::Amber),
+        "{wrong:?}"
+    );
+    assert!(wrong.is_turn_only_given(), "{wrong:?}");
+}
+
+fn body_of((scene, silhouettes): &(Scene, Vec<Silhouette>)) -> Body {
+    Body::new(&CaptureSilhouettes { scene, silhouettes }).unwrap()
+}
+
+#[test]
+fn outlines_are_known_to_a_fraction_of_a_pixel() {
+    let (radius, at) = (0.03, pose([0.0, 0.0, 1.0], 0.3));
+    let body = body_of(&capture(&[ball(0.0, 0.0, 0.0, radius)], &at));
+    let center = at * Point3::origin();
+    assert!(body.rays.len() > 500, "{}", body.rays.len());
+    let (mut worst_ray, mut worst_value) = (0.0_f64, 0.0_f64);
+    for ray in &body.rays {
+        let nearest = ray.eye + ray.direction * (center - ray.eye).dot(&ray.direction);
+        let outwards = nearest - center;
+        worst_ray = worst_ray.max((outwards.norm() - radius).abs());
+        let outline = &body.outlines[ray.view];
+        for off in [-0.001, 0.001] {
+            let p = nearest + outwards.normalize() * off;
+            let inside = outline.value(outline.in_camera(p));
+            worst_value = worst_value.max((inside + off).abs());
+        }
+    }
+    // A pixel is nearly a millimetre here, and the lenses distort.
+    assert!(worst_ray < 1e-4, "{worst_ray}");
+    assert!(worst_value < 1.5e-4, "{worst_value}");
+}
+
+#[test]
+fn the_steps_along_a_ray_miss_no_better_place() {
+    // A small thing stands out.
+    let mut balls = crooked();
+    balls.push(ball(0.0, -0.031, 0.01, 0.005));
+    let poses = [pose([0.0, 0.0, 1.0], 0.3), pose([1.0, 0.3, 0.2], 2.6)];
+    let [own, other] = poses.each_ref().map(|p| body_of(&capture(&balls, p)));
+    let target = Target {
+        body: &other,
+        body_from_ray: poses[1] * poses[0].inverse(),
+        is_self: false,
+    };
+    let (mut sum, mut worst, mut count) = (0.0, 0.0_f64, 0.0);
+    for ray in own.chosen_rays(30) {
+        let found = touch(&own, ray, &[target], None).inside;
+        // Every tenth of a millimetre, for all of the ray that may touch.
+        let at = |i: i32| ray.eye + ray.direction * (0.2 + 1e-4 * f64::from(i));
+        let inside = |p: Point3<f64>| {
+            let other = other.value(target.body_from_ray * p, f64::NEG_INFINITY);
+            other.min(p.z - own.floor)
+        };
+        let most = (0..5000).map(|i| inside(at(i)));
+        let missed = (most.fold(f64::NEG_INFINITY, f64::max) - found).max(0.0);
+        sum += missed;
+        worst = worst.max(missed);
+        count += 1.0;
+    }
+    assert!(count > 20.0, "{count}");
+    assert!(
+        sum / count < 1e-5 && worst < 3e-4,
+        "{} {worst}",
+        sum / count
+    );
+}
+
+#[test]
+fn what_no_camera_faced_lies_underneath_until_the_body_is_turned_over() {
+    let poses = [pose([0.0, 0.0, 1.0], 0.3), pose([1.0, 0.3, 0.2], 2.6)];
+    let captures = poses.each_ref().map(|p| capture(&crooked(), p));
+    let one = registered(&captures[..1]).unseen;
+    assert!(one.share > 0.02 && one.towards.z < -0.5, "{one:?}");
+    let both = registered(&captures).unseen;
+    assert!(both.share < 0.7 * one.share, "{both:?} {one:?}");
 }

@@ -9,7 +9,7 @@ use super::determination::{Determination, Turns, axis, polished};
 use super::motion::{Twist, displacement, moved};
 use super::skin::agreement;
 use super::{ColorAgreement, DepthWitness, PoseEvidence, Refusal, limits};
-use nalgebra::{Isometry3, Vector3};
+use nalgebra::{Isometry3, UnitVector3, Vector3};
 use rayon::prelude::*;
 use std::ops::Range;
 
@@ -20,6 +20,9 @@ const MANY_POINTS: usize = 6000;
 const TURN_DEG: f64 = 1.5;
 /// Degrees by which a given pose is turned about each axis, to learn what depth says beside it.
 const NEAR_DEG: [f64; 4] = [-6.0, -3.0, 3.0, 6.0];
+
+/// Degrees between the turns of a given pose, where silhouettes leave its turn open, at which colours are compared.
+const AROUND_DEG: f64 = 15.0;
 
 /// Poses that agree with the silhouettes, among which colours or depth decide.
 struct Candidates {
@@ -278,6 +281,23 @@ impl CapturePair<'_> {
             contrast: self.contrast(),
             points: found.points,
         }
+    }
+
+    /// What colours say of a pose, with the most that they say of one that is turned about an axis in the second's rig.
+    pub(super) fn colours_around(
+        &self,
+        pose: &Isometry3<f64>,
+        axis: &UnitVector3<f64>,
+    ) -> ColorAgreement {
+        let turned = |i: i32| {
+            let turn = axis.into_inner() * (f64::from(i) * AROUND_DEG).to_radians();
+            let twist = Twist::new(0.0, 0.0, 0.0, turn.x, turn.y, turn.z);
+            let pose = moved(pose, self.b.body.center, &twist);
+            agreement(&self.a.skin, &self.b.skin, &pose, FEW_POINTS).correlation
+        };
+        let count = (360.0 / AROUND_DEG).round() as i32;
+        let others = (1..count).into_par_iter().map(turned);
+        self.colours_at(pose, others.reduce(|| 0.0, f64::max))
     }
 
     /// The contrast of the plainer capture.

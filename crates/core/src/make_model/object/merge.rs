@@ -174,3 +174,135 @@ fn with_number(id: &CameraId, number: usize) -> CameraId {
     let begin = &id.as_str()[..id.as_str().len().min(room)];
     CameraId::new(&format!("{begin}{ending}")).unwrap_or_else(|_| id.clone())
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::calibration::{
+        CalibrationLevel, CalibrationVerdict, DepthResponse, Distortion, Intrinsics, Volume,
+    };
+    use crate::frame::{CaptureId, Timestamp};
+    use crate::image::{Mask, RgbImage};
+    use crate::reconstruct::SilhouetteSource;
+    use nalgebra::Vector2;
+
+    /// A capture of one colour camera and one depth camera, whose table lies 10 mm below the rig's origin.
+    fn loaded(id: &str, level: Option<CalibrationLevel>) -> Loaded {
+        let camera = |name: &str, height: f64| {
+            let (focal, center) = (Vector2::repeat(40.0), Vector2::repeat(16.0));
+            let lens = Intrinsics::new(32, 32, focal, center, Distortion::default());
+            let pose = Isometry3::translation(0.0, 0.0, height);
+            Camera::new(CameraId::new(name).unwrap(), lens.unwrap(), pose)
+        };
+        let calibration = level.map(|level| CalibrationVerdict {
+            level,
+            reasons: Vec::new(),
+        });
+        let facts = CaptureFacts {
+            id: CaptureId::new(id).unwrap(),
+            time_ns: Timestamp(1),
+            source: "test".into(),
+            subject: None,
+            placement: None,
+            skew_ns: 0,
+            colors: Vec::new(),
+            depths: Vec::new(),
+            calibration,
+            left_out: Vec::new(),
+            warnings: vec!["the lens is dusty".into()],
+            damage: Vec::new(),
+        };
+        let color = ColorView {
+            camera: camera("left", -0.5),
+            image: RgbImage::filled(32, 32, [120; 3]),
+            silhouette: SilhouetteSource::Mask(Mask::filled(32, 32, 255)),
+            ignored: None,
+        };
+        let depth = DepthView {
+            camera: DepthCamera {
+                camera: camera("kinect", -0.8),
+                response: DepthResponse::default(),
+            },
+            frames: Vec::new(),
+        };
+        let corner = |xy: f64, z: f64| Point3::new(xy, xy, z);
+        Loaded {
+            scene: Scene {
+                colors: vec![color],
+                depths: vec![depth],
+                volume: Volume::new(corner(-0.1, -0.01), corner(0.1, 0.2)).unwrap(),
+            },
+            facts,
+            silhouettes: Vec::new(),
+        }
+    }
+
+    fn place(capture: usize, rank: u8) -> Place {
+        // The object was lifted by 100 mm a capture, as the first one's rig sees it.
+        Place {
+            capture,
+            object_from_rig: Isometry3::translation(0.0, 0.0, -0.1 * capture as f64),
+            rank,
+        }
+    }
+
+    #[test]
+    fn cameras_and_tables_stand_around_the_object_and_names_say_whose_they_are() {
+        let captures = vec![
+            (place(0, 0), loaded("a", None)),
+            (place(2, 1), loaded("c", None)),
+        ];
+        let merged = merge(captures, 0).unwrap();
+        let colors = &merged.scene.colors;
+        let ids: Vec<&str> = colors.iter().map(|v| v.camera.id.as_str()).collect();
+        assert_eq!(ids, ["left", "left_3"]);
+        let heights: Vec<f64> = colors.iter().map(|v| v.camera.center().z).collect();
+        assert!((heights[0] + 0.5).abs() < 1e-9 && (heights[1] + 0.7).abs() < 1e-9);
+        let depth = &merged.scene.depths[1].camera.camera;
+        assert_eq!(depth.id.as_str(), "kinect_3");
+        assert!((depth.center().z + 1.0).abs() < 1e-9);
+        // In its own rig, the depth camera is where it was.
+        let standing = &merged.standing;
+        let own = &standing.depths[1].view.camera.camera;
+        assert!((own.center().z + 0.8).abs() < 1e-9 && own.id.as_str() == "kinect");
+        assert_eq!(
+            (standing.depths[1].capture, standing.depths[1].rank),
+            (2, 1)
+        );
+        // The table of the capture that gives the frame is the volume's floor; the other's bounds the object, too.
+        assert_eq!(standing.table_captures, [0, 2]);
+        let [table] = &standing.tables[..] else {
+            panic!("{:?}", standing.tables);
+        };
+        assert!((table.point.z + 0.21).abs() < 1e-9 && table.normal == Vector3::z());
+        // Colour views, then depth views.
+        assert_eq!(standing.captures, [0, 2, 0, 2]);
+        assert_eq!(standing.ranks, [0, 1, 0, 1]);
+        // What is said of both is said once.
+        assert_eq!(merged.facts.warnings, ["the lens is dusty"]);
+        assert!(merge(vec![(place(0, 0), loaded("a", None))], 1).is_none());
+    }
+
+    #[test]
+    fn the_worst_calibration_of_the_captures_is_that_of_the_model() {
+        use CalibrationLevel::{Doubtful, Good};
+        let merged = |levels: [Option<CalibrationLevel>; 2]| {
+            let captures = levels.into_iter().enumerate();
+            let captures = captures.map(|(i, level)| (place(i, 0), loaded("a", level)));
+            let merged = merge(captures.collect(), 0).unwrap();
+            merged.facts.calibration.map(|verdict| verdict.level)
+        };
+        assert_eq!(merged([Some(Good), Some(Doubtful)]), Some(Doubtful));
+        assert_eq!(merged([Some(Doubtful), Some(Good)]), Some(Doubtful));
+        assert_eq!(merged([None, Some(Doubtful)]), Some(Doubtful));
+        assert_eq!(merged([Some(Good), None]), Some(Good));
+        assert_eq!(merged([None, None]), None);
+    }
+
+    #[test]
+    fn a_long_name_keeps_the_number_of_its_capture() {
+        let long = CameraId::new(&"x".repeat(32)).unwrap();
+        let named = with_number(&long, 12);
+        assert_eq!(named.as_str(), "x".repeat(29) + "_12");
+    }
+}

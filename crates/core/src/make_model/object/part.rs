@@ -358,7 +358,13 @@ impl Told<'_> {
             "its form agrees, but not its colours: look whether all captures show one object"
                 .to_owned()
         });
-        loose.into_iter().chain(larger).chain(depth).chain(patterns)
+        let open = found.is_turn_only_given().then(|| {
+            "silhouettes leave the turn about its axis open, and colours do not confirm the one that \
+             was given"
+                .to_owned()
+        });
+        let doubts = loose.into_iter().chain(larger).chain(depth);
+        doubts.chain(patterns).chain(open)
     }
 
     fn words_of_refusal(&self, i: usize, refusal: Refusal, found: &Registered) -> String {
@@ -428,5 +434,208 @@ impl Told<'_> {
                     s.length_px, s.miss_px
                 )
             })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::register::{ContourStretch, Unseen};
+    use nalgebra::{Isometry3, UnitVector3, Vector3};
+
+    const POSES: [PoseEvidence; 5] = [
+        PoseEvidence::Silhouettes,
+        PoseEvidence::Colours,
+        PoseEvidence::Depth,
+        PoseEvidence::Nothing,
+        PoseEvidence::Given,
+    ];
+    const REFUSALS: [Refusal; 10] = [
+        Refusal::Unusable,
+        Refusal::ContradictsItself,
+        Refusal::NoHull,
+        Refusal::NoPose,
+        Refusal::Scale,
+        Refusal::Stretch,
+        Refusal::DepthContradicts,
+        Refusal::Undecided,
+        Refusal::AllAtOnce,
+        Refusal::NotCompared,
+    ];
+
+    fn known(name: &str) -> Known {
+        Known {
+            recording: "pot.mcap".to_owned(),
+            id: CaptureId::new(name).unwrap(),
+            cameras: vec!["left".to_owned(), "right".to_owned()],
+            problem: None,
+        }
+    }
+
+    fn registered(verdict: Result<PoseEvidence, Refusal>) -> Registered {
+        Registered {
+            verdict,
+            level: verdict.map_or(Level::Red, |_| Level::Green),
+            rig_from_object: verdict.ok().map(|_| Isometry3::identity()),
+            against: Some(0),
+            sigma_deg: 0.1,
+            sigma_mm: 0.1,
+            free_axis: None,
+            turns_with: None,
+            own_noise_mm: 0.05,
+            disagreement_mm: Some(0.06),
+            accepted_mm: 0.08,
+            worst_stretch: Some((
+                1,
+                ContourStretch {
+                    camera: 1,
+                    length_px: 40.0,
+                    miss_px: 3.0,
+                },
+            )),
+            depth: None,
+            colours: None,
+            larger_by: None,
+            rivals: Vec::new(),
+            all_at_once_mm: None,
+        }
+    }
+
+    /// What is told of captures `a`, whose rig is the frame, `b` and so on.
+    fn fusion(others: &[Registered], is_given: bool) -> Fusion {
+        let mut captures = vec![registered(Ok(PoseEvidence::Frame))];
+        captures.extend(others.iter().cloned());
+        let names = ["a", "b", "c", "d"].into_iter().take(captures.len());
+        let known: Vec<Known> = names.map(known).collect();
+        let found = Registration {
+            frame_of: 0,
+            captures,
+            unseen: Unseen::default(),
+        };
+        Fusion::new("17", (&known, is_given), &found, Vec::new())
+    }
+
+    fn words(found: Registered, is_given: bool) -> String {
+        fusion(&[found], is_given).captures[1].words.clone()
+    }
+
+    #[test]
+    fn of_each_pose_it_is_told_that_outlines_do_not_see_everything() {
+        for held_by in POSES {
+            let told = words(registered(Ok(held_by)), held_by == PoseEvidence::Given);
+            assert!(told.contains("not seen by outlines"), "{held_by:?}: {told}");
+            let fusion = fusion(&[registered(Ok(held_by))], false);
+            let reasons = fusion.reasons();
+            let [reason] = &reasons[..] else {
+                panic!("{held_by:?} is no reason, or several");
+            };
+            assert!(reason.words.starts_with("capture b: "), "{reason:?}");
+            let is_note = reason.level == Level::Green;
+            assert_eq!(is_note, held_by != PoseEvidence::Nothing, "{reason:?}");
+        }
+    }
+
+    #[test]
+    fn each_capture_that_is_refused_is_left_out_by_name_and_with_what_to_do() {
+        for refusal in REFUSALS {
+            let two = fusion(&[registered(Err(refusal))], false);
+            let left_out: Vec<String> = two.left_out().collect();
+            assert_eq!(left_out.len(), 1, "{refusal:?}: {left_out:?}");
+            assert!(left_out[0].starts_with("b: "), "{left_out:?}");
+            assert!(!left_out[0].contains("not seen by outlines"));
+            // One capture that is left makes no model, and is not one that was left out.
+            assert!(two.captures.iter().all(|c| !c.is_fused), "{refusal:?}");
+            assert!(two.captures.iter().all(|c| c.used_for.is_empty()));
+            // Of three, two make a model, which says so.
+            let good = registered(Ok(PoseEvidence::Silhouettes));
+            let three = fusion(&[registered(Err(refusal)), good], false);
+            assert_eq!(
+                three
+                    .captures
+                    .iter()
+                    .map(|c| c.is_fused)
+                    .collect::<Vec<_>>(),
+                [true, false, true]
+            );
+            let reasons = three.reasons();
+            let codes: Vec<_> = reasons.iter().map(|r| (r.level, r.code)).collect();
+            let expected = [
+                (Level::Amber, ReasonCode::CaptureLeftOut),
+                (Level::Green, ReasonCode::PoseFound),
+            ];
+            assert_eq!(codes, expected, "{refusal:?}");
+        }
+        // What misses is named: the camera and its capture.
+        for refusal in [
+            Refusal::NoPose,
+            Refusal::Stretch,
+            Refusal::ContradictsItself,
+        ] {
+            let told = words(registered(Err(refusal)), false);
+            let place = "(worst in camera right of b: 40 px of contour are off by 3.0 px)";
+            assert!(told.contains(place), "{told}");
+        }
+    }
+
+    #[test]
+    fn a_pose_that_was_given_is_called_so_whatever_is_found_of_it() {
+        let given = || registered(Ok(PoseEvidence::Given));
+        let told = words(given(), true);
+        assert!(
+            told.starts_with("its pose was given; silhouettes"),
+            "{told}"
+        );
+        assert!(!told.contains("colours"), "{told}");
+        // Nothing is known of how far it may be off.
+        let fused = fusion(&[given()], true);
+        let second = &fused.captures[1];
+        assert_eq!((second.sigma_deg, second.sigma_mm), (None, None));
+        assert_eq!(second.held_by, Some(PoseEvidence::Given));
+        // A turn that the form leaves open is told, unless colours confirm it.
+        let mut open = given();
+        open.free_axis = Some(UnitVector3::new_normalize(Vector3::z()));
+        let colours = |best: f64| ColorAgreement {
+            best,
+            next: 0.0,
+            contrast: 0.3,
+            points: 1000,
+        };
+        for (of, is_told) in [(None, true), (Some(0.2), true), (Some(0.7), false)] {
+            open.colours = of.map(colours);
+            let told = words(open.clone(), true);
+            let open_turn = "silhouettes leave the turn about its axis open";
+            assert_eq!(told.contains(open_turn), is_told, "{told}");
+        }
+        // A pose that was found is told of in other words.
+        open.verdict = Ok(PoseEvidence::Colours);
+        assert!(!words(open, false).contains("given"));
+        for refusal in [Refusal::NoPose, Refusal::Stretch] {
+            let told = words(registered(Err(refusal)), true);
+            assert!(told.contains("in the pose that was given"), "{told}");
+            assert!(!told.contains("in no pose"), "{told}");
+        }
+    }
+
+    #[test]
+    fn captures_of_one_name_are_told_apart_by_their_recordings() {
+        let other = Known {
+            recording: "bowl.mcap".to_owned(),
+            ..known("a")
+        };
+        let found = Registration {
+            frame_of: 0,
+            captures: vec![
+                registered(Ok(PoseEvidence::Frame)),
+                registered(Err(Refusal::NoPose)),
+            ],
+            unseen: Unseen::default(),
+        };
+        let fusion = Fusion::new("17", (&[known("a"), other], false), &found, Vec::new());
+        let left_out: Vec<String> = fusion.left_out().collect();
+        assert!(left_out[0].starts_with("a of bowl.mcap: "), "{left_out:?}");
+        assert!(
+            left_out[0].contains("those of a of pot.mcap"),
+            "{left_out:?}"
+        );
     }
 }

@@ -149,10 +149,23 @@ fn error_in_triangles(
     texture: &Texture,
     truth: impl Fn(Point3<f64>) -> [f64; 3],
 ) -> f64 {
+    error_where(model, texture, truth, |_| true)
+}
+
+/// The same over those whose middles are wanted.
+fn error_where(
+    model: &Model,
+    texture: &Texture,
+    truth: impl Fn(Point3<f64>) -> [f64; 3],
+    is_wanted: impl Fn(Point3<f64>) -> bool,
+) -> f64 {
     let (mut sum, mut count) = (0.0, 0.0);
     for triangle in (0..texture.seen.len()).filter(|&t| texture.seen[t]) {
         let corners = model.mesh.corners(triangle).map(|c| c.coords);
         let middle = Point3::from((corners[0] + corners[1] + corners[2]) / 3.0).cast();
+        if !is_wanted(middle) {
+            continue;
+        }
         let found = look_up(texture, triangle, [1.0 / 3.0; 3]);
         sum += (found - Vector3::from(truth(middle))).abs().mean();
         count += 1.0;
@@ -243,6 +256,70 @@ fn exposures_are_evened_out() {
     assert!(high / low < 1.02, "{ratios:?}");
     let mean = gains.iter().map(|g| g.mean()).sum::<f32>() / gains.len() as f32;
     assert!((mean - 1.0).abs() < 0.01, "mean gain {mean}");
+}
+
+/// A plate of 10 cm, whose faces lie 2 mm above and below the origin.
+fn plate() -> Model {
+    model(grid_box([-0.05, -0.05, -0.002], [0.05, 0.05, 0.002]))
+}
+
+#[test]
+fn a_camera_that_shares_nothing_with_others_has_the_gain_of_its_capture() {
+    let model = plate();
+    // The second capture sees both sides, in less light; its back is seen by no other camera.
+    let cameras = [[0.0, 0.0, 0.5], [0.0, 0.0, 0.5], [0.0, 0.0, -0.5]];
+    let cameras = cameras.map(|eye| camera(eye, 480, 1500.0));
+    let mut scene = rendered(cameras.to_vec(), &model.mesh, pattern);
+    for view in &mut scene.colors[1..] {
+        view.image = view.image.map(|p| p.map(|c| exposed(c, 0.7)));
+    }
+    let gains = |captures: &[u16]| {
+        let order = ViewPriority {
+            ranks: &[],
+            captures,
+        };
+        let surface = Surface::new(&model.mesh, &scene, &[], &order, &Parameters::default());
+        exposure::even_out(&surface)
+            .iter()
+            .map(|g| g.mean())
+            .collect::<Vec<f32>>()
+    };
+    let of_two = gains(&[0, 1, 1]);
+    assert!(of_two[1] / of_two[0] > 1.1, "{of_two:?}");
+    assert!((of_two[2] / of_two[1] - 1.0).abs() < 0.03, "{of_two:?}");
+    // Of one capture nothing is known of that camera.
+    let of_one = gains(&[]);
+    assert!(of_one[1] / of_one[2] > 1.05, "{of_one:?}");
+}
+
+#[test]
+fn a_capture_of_a_higher_rank_paints_only_what_no_other_sees() {
+    /// The pattern after half a turn about the vertical.
+    fn turned(p: Point3<f64>) -> [f64; 3] {
+        pattern(Point3::new(-p.x, -p.y, p.z))
+    }
+    let model = plate();
+    // The first capture sees less of the upper side's detail, and nothing of the lower side.
+    let cameras = [[0.0, 0.0, 0.7], [0.0, 0.0, 0.5], [0.0, 0.0, -0.5]];
+    let [far, near, below] = cameras.map(|eye| camera(eye, 480, 1500.0));
+    let first = render(&far, &model.mesh, pattern);
+    let [second, third] = [&near, &below].map(|c| render(c, &model.mesh, turned));
+    let scene = scene(vec![(far, first), (near, second), (below, third)]);
+    let errors = |ranks: &[u8]| {
+        let order = ViewPriority {
+            ranks,
+            captures: &[0, 1, 1],
+        };
+        let texture = paint_in_order(&model, &scene, &[], &order, &Parameters::default());
+        let above = error_where(&model, &texture, pattern, |p| p.z > 0.0019);
+        let below = error_where(&model, &texture, turned, |p| p.z < -0.0019);
+        [above, below]
+    };
+    let ranked = errors(&[0, 1, 1]);
+    assert!(ranked.iter().all(|&e| e < 6.0), "{ranked:?}");
+    // Without ranks the camera that sees more detail paints the upper side.
+    let [above, _] = errors(&[]);
+    assert!(above > 20.0, "{above}");
 }
 
 /// Mean step of colour between the middles of neighbouring triangles: across seams, and inside charts.
