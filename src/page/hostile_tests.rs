@@ -236,6 +236,11 @@ fn no_path_leads_out_and_nothing_is_told_without_a_session() {
         "/api/models/a/a-0002/thumbnail.jpg",
         "/api/models/a/a-0001/..%2f..%2f..%2fsecret.txt",
         "/api/models//a-0001/model.glb",
+        "/api/models/a/a-0001/photographs/c00",
+        "/api/models/..%2fsecret.txt/a-0001/photographs/c00",
+        "/api/models/a/a-0001/photographs/..%2fsecret.txt",
+        "/api/models/a/a-0001/difference/..%2f../secret.txt",
+        "/api/models/a/a-0001/difference/a/..%2fsecret.txt",
         "/api/recordings/%2e%2e",
         "/api/recordings/..%2f..",
         "/assets/../../Cargo.toml",
@@ -262,9 +267,23 @@ fn no_path_leads_out_and_nothing_is_told_without_a_session() {
         "/api/models/a/a-0001/model.glb",
         "/api/models/a/a-0001/view.glb",
         "/api/models/a/a-0001/thumbnail.jpg",
+        "/api/models/a/a-0001/related",
+        "/api/models/a/a-0001/photographs",
+        "/api/models/a/a-0001/photographs/c00",
+        "/api/models/a/a-0001/difference/a/a-0001",
     ] {
         assert_eq!(page.get(path, "").status, 401, "{path}");
         assert_eq!(page.get(path, "Cookie: scand=\r\n").status, 401, "{path}");
+    }
+    // Without a recording there are no photographs, which is no error; so with a link in its place.
+    let recordings = page.root.path().join("recordings");
+    std::fs::create_dir(&recordings).unwrap();
+    let link = recordings.join("a.mcap");
+    std::os::unix::fs::symlink(page.root.path().join("secret.txt"), link).unwrap();
+    for recording in ["a", "..%2fa", "b"] {
+        let path = format!("/api/models/{recording}/a-0001/photographs");
+        let found = page.get(&path, &cookie);
+        assert_eq!((found.status, found.body.trim()), (200, "[]"), "{path}");
     }
     let model = page.get("/api/models/a/a-0001/model.glb", &cookie);
     assert_eq!((model.status, model.body.len()), (200, 300_000));

@@ -30,6 +30,8 @@ pub struct Parameters {
     pub socket: PathBuf,
     /// The folder of models. Default `/var/lib/scand/models`.
     pub models: PathBuf,
+    /// The folder of recordings, for the photographs of captures. Default `/var/lib/scand/recordings`.
+    pub recordings: PathBuf,
     /// The folder of the page's own state, which only its user can read. Default `/var/lib/scand-page`.
     pub state: PathBuf,
     /// The folder of small forms of models' files, which may be removed at any time. Default `/var/cache/scand-page`.
@@ -53,6 +55,7 @@ impl Default for Parameters {
             rig: String::new(),
             socket: crate::trigger::SOCKET.into(),
             models: "/var/lib/scand/models".into(),
+            recordings: "/var/lib/scand/recordings".into(),
             state: "/var/lib/scand-page".into(),
             cache: "/var/cache/scand-page".into(),
             control: "/run/scand-page/control.sock".into(),

@@ -6,6 +6,7 @@ use super::daemon::Daemon;
 use super::http::{App, Client, READERS, router};
 use super::models::Models;
 use super::parameters::{self, Parameters};
+use super::recordings::Recordings;
 use super::sessions::{self, Sessions};
 use super::tls::Tls;
 use super::views::{View, Views};
@@ -134,14 +135,16 @@ pub(super) fn app(parameters: &Parameters) -> Result<Arc<App>, Error> {
         Arc::new(Daemon::new(&parameters.socket)),
         Watch::new(),
         Models::new(&parameters.models),
-        views(&parameters.cache),
+        views(parameters),
     )))
 }
 
 /// The cache of small forms; without one, files are sent as they are.
-fn views(cache: &Path) -> Option<Views> {
+fn views(parameters: &Parameters) -> Option<Views> {
+    let cache = &parameters.cache;
+    let recordings = Recordings::new(&parameters.recordings);
     // Also after an upgrade it is this program, whatever the file is called now.
-    let views = Views::open(cache, Path::new("/proc/self/exe"));
+    let views = Views::open(cache, Path::new("/proc/self/exe"), recordings);
     views
         .map_err(|error| {
             log::warning!(

@@ -128,6 +128,7 @@ impl Page {
             listen: address,
             socket: root.path().join("scand.sock"),
             models: root.path().join("models"),
+            recordings: root.path().join("recordings"),
             state: root.path().join("state"),
             cache: root.path().join("cache"),
             origins: match &tls {

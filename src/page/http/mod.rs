@@ -122,8 +122,20 @@ pub(super) fn router(app: Arc<App>) -> Router {
         .route("/api/recordings", get(history::recordings))
         .route("/api/recordings/{recording}", get(history::captures))
         .route(
-            "/api/models/{recording}/{capture}/difference/{other}",
+            "/api/models/{recording}/{capture}/difference/{with}/{other}",
             get(history::difference),
+        )
+        .route(
+            "/api/models/{recording}/{capture}/related",
+            get(history::related),
+        )
+        .route(
+            "/api/models/{recording}/{capture}/photographs",
+            get(history::photographs),
+        )
+        .route(
+            "/api/models/{recording}/{capture}/photographs/{camera}",
+            get(history::photograph),
         )
         .route(
             "/api/models/{recording}/{capture}/{file}",
