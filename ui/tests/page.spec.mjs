@@ -370,6 +370,26 @@ test("a model is compared with one of the same object in an earlier session", as
   await expect(page.locator("h1")).toHaveText(earlier[1]);
 });
 
+test("captures of today are in the history after the daemon and the page were started again", async ({ page, rig }) => {
+  await rig.prepare();
+  const [recording, first] = make(rig);
+  await rig.stop("daemon");
+  await rig.stop("page");
+  await rig.startDaemon();
+  await rig.startPage();
+  await enter(page, rig, "viewer");
+  await page.goto(`http://127.0.0.1:${rig.port}/#/history/${recording}`);
+  const card = page.locator(".strip li").filter({ hasText: first });
+  await expect(card.locator("img")).toHaveCount(1);
+  await expect(card.locator(".verdict")).toContainText(/Green|Amber|Red/);
+  // What was taken after that stands beside it.
+  const [again, second] = make(rig);
+  await page.goto(`http://127.0.0.1:${rig.port}/#/history/${again}`);
+  await expect(page.locator(".strip li").filter({ hasText: second })).toHaveCount(1);
+  await page.goto(`http://127.0.0.1:${rig.port}/#/history/${recording}/${first}`);
+  await expect(page.locator("canvas[data-loaded]")).toBeVisible();
+});
+
 test("what is shown of a model belongs to the capture that is shown", async ({ page, rig, expected }) => {
   expected.push("net::ERR");
   await rig.prepare();
