@@ -22,6 +22,7 @@ mod recordings;
 mod secrets;
 mod serve;
 mod sessions;
+mod shares;
 mod summary;
 #[cfg(test)]
 mod testing;

@@ -6,6 +6,7 @@ use super::reply::{Refusal, answer, json, typed};
 use super::{App, HttpRequest};
 use crate::page::models::{ModelFile, Models};
 use crate::page::now::CaptureEntry;
+use crate::page::secrets::Hash;
 use crate::page::views::{View, Views};
 use axum::body::{Body, Bytes};
 use axum::extract::{Path, State};
@@ -249,7 +250,7 @@ async fn whole(
         secret,
         headers,
     } = asked;
-    let share = app.downloads.take(secret).ok_or_else(full)?;
+    let share = app.downloads.take(Hash::of(secret)).ok_or_else(full)?;
     let models = app.models.clone();
     let opened = blocking(move || models.open(&recording, &capture, kind)).await?;
     let (file, size, tag) = opened.ok_or_else(no_model)?;
