@@ -9,6 +9,7 @@ mod daemon;
 #[cfg(test)]
 mod hostile_tests;
 mod http;
+mod kept;
 mod look;
 #[cfg(test)]
 mod look_tests;

@@ -4,6 +4,7 @@
 use super::control;
 use super::daemon::Daemon;
 use super::http::{App, CONNECTIONS, CONNECTIONS_OF_ONE, Client, READERS, router};
+use super::kept;
 use super::models::Models;
 use super::parameters::{self, Parameters};
 use super::recordings::Recordings;
@@ -116,8 +117,10 @@ async fn serve(parameters: &Parameters) -> Result<(), Error> {
         () = accept(listener, tls, router(app.clone()), proxies, HEADERS) => {}
         () = renewal => {}
         () = prepare(&app) => {}
+        () = kept::keep(&parameters.state, &app.watch) => {}
         () = told_to_end() => {}
     }
+    let _ = kept::store(&parameters.state, &app.watch);
     let _ = std::fs::remove_file(&parameters.control);
     Ok(())
 }
@@ -130,12 +133,16 @@ pub(super) fn app(parameters: &Parameters) -> Result<Arc<App>, Error> {
         hours(parameters.viewer_hours),
     );
     let sessions = sessions.map_err(|error: sessions::Error| Error::Sessions(error.to_string()))?;
+    let watch = Watch::new();
+    if let Some((captures, ago)) = kept::load(&parameters.state) {
+        watch.restore(captures, ago);
+    }
     Ok(Arc::new(App::new(
         parameters.origins()?,
         parameters.rig.clone(),
         Arc::new(sessions),
         Arc::new(Daemon::new(&parameters.socket)),
-        Watch::new(),
+        watch,
         Models::new(&parameters.models),
         views(parameters),
     )))
