@@ -1,5 +1,5 @@
-//! The captures that this process heard of, kept in its own folder: those that have no report yet are not forgotten when
-//! it is started again.
+//! The captures that this process heard of, kept in its own folder: those that have no report yet are not forgotten
+//! when it is started again.
 
 use super::now::{KeptCapture, Now};
 use super::watch::Watch;
