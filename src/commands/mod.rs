@@ -41,6 +41,8 @@ pub mod pack;
 #[cfg(feature = "page")]
 pub mod page;
 mod parse;
+#[cfg(feature = "page")]
+mod photographs;
 pub mod publish;
 pub mod recover;
 pub mod replay;

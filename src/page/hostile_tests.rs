@@ -1,5 +1,6 @@
 //! Requests that mean no good, over real connections to the page, with a daemon that counts what it is asked.
 
+use super::serve::HEADERS;
 use super::sessions::Role;
 use super::testing::Page;
 use crate::support::dice::Dice;
@@ -236,6 +237,11 @@ fn no_path_leads_out_and_nothing_is_told_without_a_session() {
         "/api/models/a/a-0002/thumbnail.jpg",
         "/api/models/a/a-0001/..%2f..%2f..%2fsecret.txt",
         "/api/models//a-0001/model.glb",
+        "/api/models/a/a-0001/photographs/c00",
+        "/api/models/..%2fsecret.txt/a-0001/photographs/c00",
+        "/api/models/a/a-0001/photographs/..%2fsecret.txt",
+        "/api/models/a/a-0001/difference/..%2f../secret.txt",
+        "/api/models/a/a-0001/difference/a/..%2fsecret.txt",
         "/api/recordings/%2e%2e",
         "/api/recordings/..%2f..",
         "/assets/../../Cargo.toml",
@@ -262,9 +268,23 @@ fn no_path_leads_out_and_nothing_is_told_without_a_session() {
         "/api/models/a/a-0001/model.glb",
         "/api/models/a/a-0001/view.glb",
         "/api/models/a/a-0001/thumbnail.jpg",
+        "/api/models/a/a-0001/related",
+        "/api/models/a/a-0001/photographs",
+        "/api/models/a/a-0001/photographs/c00",
+        "/api/models/a/a-0001/difference/a/a-0001",
     ] {
         assert_eq!(page.get(path, "").status, 401, "{path}");
         assert_eq!(page.get(path, "Cookie: scand=\r\n").status, 401, "{path}");
+    }
+    // Without a recording there are no photographs, which is no error; so with a link in its place.
+    let recordings = page.root.path().join("recordings");
+    std::fs::create_dir(&recordings).unwrap();
+    let link = recordings.join("a.mcap");
+    std::os::unix::fs::symlink(page.root.path().join("secret.txt"), link).unwrap();
+    for recording in ["a", "..%2fa", "b"] {
+        let path = format!("/api/models/{recording}/a-0001/photographs");
+        let found = page.get(&path, &cookie);
+        assert_eq!((found.status, found.body.trim()), (200, "[]"), "{path}");
     }
     let model = page.get("/api/models/a/a-0001/model.glb", &cookie);
     assert_eq!((model.status, model.body.len()), (200, 300_000));
@@ -348,6 +368,47 @@ fn a_link_sets_a_cookie_that_scripts_cannot_read_and_guesses_are_limited() {
     let token = page.app.sessions.pair(Role::Viewer).unwrap();
     let body = format!(r#"{{"token":"{token}"}}"#);
     assert_eq!(page.post("/api/pair", &headers, &body).status, 429);
+}
+
+#[test]
+fn behind_a_proxy_that_is_named_each_client_is_counted_and_nobody_else_is_believed() {
+    for (proxy, limited) in [(&["127.0.0.1"][..], 403), (&[][..], 429)] {
+        let page = Page::start_behind(proxy, None, HEADERS);
+        let guess = |client: usize| {
+            let headers = format!(
+                "Origin: http://{}\r\nContent-Type: application/json\r\nX-Forwarded-For: 10.0.0.{client}\r\n",
+                page.host
+            );
+            page.post("/api/pair", &headers, r#"{"token":"0"}"#).status
+        };
+        for _ in 0..20 {
+            assert_eq!(guess(1), 403);
+        }
+        assert_eq!(guess(1), 429);
+        assert_eq!(guess(2), limited, "{proxy:?}");
+    }
+}
+
+#[test]
+fn one_address_does_not_take_every_connection() {
+    let page = Page::start_with(None, Duration::from_secs(60));
+    let held: Vec<_> = (0..300).map(|_| page.connect()).collect();
+    let runtime = tokio::runtime::Builder::new_current_thread();
+    let runtime = { runtime }.enable_all().build().unwrap();
+    let mut other = runtime.block_on(async {
+        let socket = tokio::net::TcpSocket::new_v4().unwrap();
+        socket.bind("127.0.0.2:0".parse().unwrap()).unwrap();
+        let other = socket.connect(page.address).await.unwrap();
+        other.into_std().unwrap()
+    });
+    other.set_nonblocking(false).unwrap();
+    let host = &page.host;
+    let text = format!("GET /api/me HTTP/1.1\r\nHost: {host}\r\nConnection: close\r\n\r\n");
+    other.write_all(text.as_bytes()).unwrap();
+    let mut found = String::new();
+    other.read_to_string(&mut found).unwrap();
+    assert!(found.starts_with("HTTP/1.1 401"), "{found}");
+    drop(held);
 }
 
 #[test]

@@ -1,5 +1,5 @@
 //! The operator's page: a process of its own that serves a web page, on loopback or with TLS, and is a client of the
-//! daemon's socket. It lists and sends the files of models, and stores sessions. It parses no recording, decodes no
+//! daemon's socket. It lists and sends the files of models, and stores sessions. It parses no recording and decodes no
 //! picture (a confined process does), opens no camera, and writes nothing but its own state and its cache.
 //! design/page.md has the reasons.
 
@@ -9,6 +9,7 @@ mod daemon;
 #[cfg(test)]
 mod hostile_tests;
 mod http;
+mod kept;
 mod look;
 #[cfg(test)]
 mod look_tests;
@@ -18,9 +19,11 @@ mod now;
 mod objects;
 mod origin;
 mod parameters;
+mod recordings;
 mod secrets;
 mod serve;
 mod sessions;
+mod shares;
 mod summary;
 #[cfg(test)]
 mod testing;
@@ -39,5 +42,8 @@ pub use tls::TlsParameters;
 
 /// What `scand make-view` is asked for.
 pub mod make_view {
-    pub use super::views::{COMMAND, DIFFERENCE, FORM, LARGEST_SOURCE, PARENT, View};
+    pub use super::views::{
+        CAMERA, CAPTURE, COMMAND, DIFFERENCE, FORM, LARGEST_SOURCE, PARENT, PHOTOGRAPHS, RECORDING,
+        View,
+    };
 }

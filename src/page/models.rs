@@ -11,10 +11,12 @@ use std::io::Read;
 use std::os::unix::fs::MetadataExt;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
-use std::time::UNIX_EPOCH;
+use std::time::{Duration, Instant, UNIX_EPOCH};
 
 /// Recordings that are listed, the newest ones; and captures of each.
 const MOST: usize = 1000;
+/// Models of one object that are listed of other recordings, the newest ones.
+const MOST_OF_OBJECT: usize = 50;
 /// Largest report that is read, in bytes.
 const LARGEST_REPORT: u64 = 2 << 20;
 /// Bytes of what was read from reports that are kept.
@@ -74,6 +76,14 @@ pub(super) struct RecordingFolder {
 pub(super) struct Listing<T> {
     pub(super) newest: Vec<T>,
     pub(super) all: usize,
+}
+
+/// Models of one object.
+#[derive(Clone, Debug)]
+pub(super) struct ModelsOfObject {
+    pub(super) newest: Vec<Summary>,
+    /// Whether every recording was looked at that is listed.
+    pub(super) is_whole: bool,
 }
 
 /// What tells one state of a file from another: when it was changed (seconds and nanoseconds), its size and its inode.
@@ -149,6 +159,45 @@ impl Models {
             newest: newest.collect(),
             all,
         })
+    }
+
+    /// Models of the object that a capture shows, of other recordings, the newest recording first. They are looked for
+    /// `at_most` so long: what was read by then is kept, so that the next search comes further.
+    pub(super) fn of_same_object(
+        &self,
+        recording: &str,
+        capture: &str,
+        at_most: Duration,
+    ) -> ModelsOfObject {
+        let begun = Instant::now();
+        let mut found = ModelsOfObject {
+            newest: Vec::new(),
+            is_whole: true,
+        };
+        let Some(subject) = self.reported(recording, capture).subject else {
+            return found;
+        };
+        let others = self.recordings().newest.into_iter();
+        for other in others.filter(|other| other.name != recording) {
+            let folder = self.open_recording(&other.name);
+            let names = folder.map(|folder| folders(&folder)).unwrap_or_default();
+            let mut names: Vec<_> = names.into_iter().map(|(name, _)| name).collect();
+            names.sort_by(|a, b| b.cmp(a));
+            for name in names.into_iter().take(MOST) {
+                if begun.elapsed() > at_most || found.newest.len() >= MOST_OF_OBJECT {
+                    found.is_whole = false;
+                    return found;
+                }
+                if self.reported(&other.name, &name).subject.as_ref() != Some(&subject) {
+                    continue;
+                }
+                let summary = self.summary(&other.name, &name);
+                if summary.has_model {
+                    found.newest.push(summary);
+                }
+            }
+        }
+        found
     }
 
     /// Whether there is a report of a capture, so that the list of its recording has it.
@@ -248,15 +297,18 @@ impl Models {
         found.is_file().then_some((opened, found.len(), tag))
     }
 
-    /// Opens for reading what lies below the folder of models, through no link.
     fn open_below(&self, path: &str, flags: OFlags) -> Option<File> {
-        let folder = File::open(&self.folder).ok()?;
-        let within =
-            ResolveFlags::BENEATH | ResolveFlags::NO_SYMLINKS | ResolveFlags::NO_MAGICLINKS;
-        let flags = OFlags::RDONLY | OFlags::CLOEXEC | flags;
-        let opened = openat2(&folder, path, flags, Mode::empty(), within);
-        opened.ok().map(File::from)
+        open_below(&self.folder, path, flags)
     }
+}
+
+/// Opens for reading what lies below a folder, through no link.
+pub(super) fn open_below(folder: &Path, path: &str, flags: OFlags) -> Option<File> {
+    let folder = File::open(folder).ok()?;
+    let within = ResolveFlags::BENEATH | ResolveFlags::NO_SYMLINKS | ResolveFlags::NO_MAGICLINKS;
+    let flags = OFlags::RDONLY | OFlags::CLOEXEC | flags;
+    let opened = openat2(&folder, path, flags, Mode::empty(), within);
+    opened.ok().map(File::from)
 }
 
 /// What an open report says, if it is one and not too large.
@@ -395,6 +447,44 @@ mod tests {
         assert_eq!(first(&models).model_tag, before.model_tag);
         std::fs::write(folder.join("model.glb"), "glTF, again").unwrap();
         assert_ne!(first(&models).model_tag, before.model_tag);
+    }
+
+    #[test]
+    fn models_of_an_object_are_found_in_other_recordings() {
+        let (root, models) = models();
+        let write = |recording: &str, name: &str, subject: &str, has_model: bool| {
+            let folder = root.path().join("models").join(recording).join(name);
+            std::fs::create_dir_all(&folder).unwrap();
+            let report = format!(
+                r#"{{"verdict":{{"level":"green"}},"capture":{{"id":"{name}","subject":"{subject}"}}}}"#
+            );
+            std::fs::write(folder.join("report.json"), report).unwrap();
+            if has_model {
+                std::fs::write(folder.join("model.glb"), "glTF").unwrap();
+            }
+        };
+        write("amphora", "amphora-0002", "1884.3", true);
+        write("monday", "monday-0001", "1884.3", true);
+        write("monday", "monday-0002", "1884.4", true);
+        write("monday", "monday-0003", "1884.3", true);
+        write("monday", "monday-0004", "1884.3", false);
+        let find = |recording: &str, capture: &str, at_most| {
+            let found = models.of_same_object(recording, capture, at_most);
+            let names = found.newest.into_iter().map(|summary| summary.capture);
+            (names.collect::<Vec<_>>(), found.is_whole)
+        };
+        let long = Duration::from_secs(60);
+        let found = find("amphora", "amphora-0001", long);
+        let expected = ["monday-0003", "monday-0001"].map(str::to_owned);
+        assert_eq!(found, (expected.to_vec(), true));
+        let found = find("monday", "monday-0001", long);
+        let expected = ["amphora-0002", "amphora-0001"].map(str::to_owned);
+        assert_eq!(found, (expected.to_vec(), true));
+        let nothing = (Vec::new(), true);
+        assert_eq!(find("monday", "monday-0002", long), nothing);
+        assert_eq!(find("monday", "../amphora", long), nothing);
+        let (_, is_whole) = find("amphora", "amphora-0001", Duration::ZERO);
+        assert!(!is_whole);
     }
 
     #[test]

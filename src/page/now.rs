@@ -12,11 +12,13 @@ use std::time::{Duration, Instant};
 const FRESH: Duration = Duration::from_secs(5);
 /// How long a failure stays, whatever becomes known of earlier captures.
 const FAILURE: Duration = Duration::from_secs(6);
+/// How old a capture may be that an earlier process heard of.
+const OLDEST: Duration = Duration::from_secs(24 * 3600);
 /// Captures that are remembered; those with models are found in the folder of models anyway.
 const MOST_CAPTURES: usize = 200;
 
 /// The large sign.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub(super) enum Sign {
     /// The daemon does not answer: nothing is known.
@@ -118,6 +120,26 @@ pub(super) struct CaptureEntry {
     pub(super) changed: Instant,
 }
 
+/// A capture as it is kept for a process that is started later.
+#[derive(Clone, Debug, serde::Serialize, serde::Deserialize)]
+pub(super) struct KeptCapture {
+    capture: String,
+    recording: Option<String>,
+    subject: Option<String>,
+    sign: Sign,
+    reasons: Vec<String>,
+    decision: Option<String>,
+    /// How long before it was kept the capture began.
+    age_ms: u64,
+}
+
+/// What people decided, by its name.
+fn decision_named(name: &str) -> Option<&'static str> {
+    ["accepted", "rejected"]
+        .into_iter()
+        .find(|known| *known == name)
+}
+
 /// What holds now.
 #[derive(Default)]
 pub(super) struct Now {
@@ -168,6 +190,53 @@ impl Now {
 
     pub(super) fn captures(&self) -> impl DoubleEndedIterator<Item = &CaptureEntry> {
         self.captures.iter()
+    }
+
+    /// A number that grows with each change of what is known of captures.
+    pub(super) fn history(&self) -> u64 {
+        self.history
+    }
+
+    /// The captures, the oldest first, for a process that is started later.
+    pub(super) fn kept(&self, at: Instant) -> Vec<KeptCapture> {
+        let kept = self.captures.iter().map(|seen| KeptCapture {
+            capture: seen.capture.clone(),
+            recording: seen.recording.clone(),
+            subject: seen.subject.clone(),
+            sign: seen.sign,
+            reasons: seen.reasons.clone(),
+            decision: seen.decision.map(str::to_owned),
+            age_ms: at.saturating_duration_since(seen.begun).as_millis() as u64,
+        });
+        kept.collect()
+    }
+
+    /// Takes in the captures of the last day that an earlier process kept so long ago. They say nothing of what holds
+    /// now: what was in progress has an unknown outcome, and no sign is shown for any.
+    pub(super) fn restore(&mut self, kept: Vec<KeptCapture>, ago: Duration, at: Instant) {
+        let more = kept.len().saturating_sub(MOST_CAPTURES);
+        for capture in kept.into_iter().skip(more) {
+            let age = Duration::from_millis(capture.age_ms).saturating_add(ago);
+            let Some(begun) = at.checked_sub(age).filter(|_| age < OLDEST) else {
+                continue;
+            };
+            let sign = if capture.sign.is_in_progress() {
+                Sign::OutcomeUnknown
+            } else {
+                capture.sign
+            };
+            self.captures.push_back(CaptureEntry {
+                capture: capture.capture,
+                recording: capture.recording,
+                subject: capture.subject,
+                sign,
+                reasons: capture.reasons,
+                decision: capture.decision.as_deref().and_then(decision_named),
+                begun,
+                changed: begun,
+            });
+        }
+        self.history += 1;
     }
 
     /// Takes in an event that arrived at that time.

@@ -227,3 +227,46 @@ fn an_attempt_that_was_taken_once_more_and_one_whose_end_was_not_heard_are_not_i
     now.set_listening(false);
     assert_eq!(signs(&now), [Sign::Retried, Sign::OutcomeUnknown]);
 }
+
+#[test]
+fn captures_are_kept_for_a_later_process_and_none_is_shown_as_if_it_were_so_now() {
+    let at = Instant::now() + OLDEST;
+    let mut now = ready(at);
+    for line in [
+        r#"{"type":"accepted","capture":"a-0001","subject":"7"}"#,
+        r#"{"type":"durable","capture":"a-0001","recording":"/r/a.mcap"}"#,
+        r#"{"type":"note","capture":"a-0001","kind":"reject","text":""}"#,
+        r#"{"type":"accepted","capture":"a-0002"}"#,
+    ] {
+        heard(&mut now, line, at);
+    }
+    let later = at + Duration::from_secs(10);
+    let kept = serde_json::to_string(&now.kept(later)).unwrap();
+    let restored = |ago: Duration| {
+        let mut again = ready(later);
+        again.restore(serde_json::from_str(&kept).unwrap(), ago, later);
+        again
+    };
+    let again = restored(Duration::from_secs(5));
+    assert_eq!(again.sign(later).0, Sign::Ready);
+    let known: Vec<_> = again
+        .captures()
+        .map(|c| {
+            (
+                c.capture.as_str(),
+                c.recording.as_deref(),
+                c.sign,
+                c.decision,
+            )
+        })
+        .collect();
+    assert_eq!(
+        known,
+        [
+            ("a-0001", Some("a"), Sign::Safe, Some("rejected")),
+            ("a-0002", None, Sign::OutcomeUnknown, None),
+        ]
+    );
+    assert_eq!(again.snapshot(later)["last"]["age_ms"], 15_000);
+    assert_eq!(restored(OLDEST).captures().count(), 0);
+}

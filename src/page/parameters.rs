@@ -4,8 +4,9 @@
 use super::origin::Origins;
 use super::tls::TlsParameters;
 use crate::{range, storage};
-use std::net::SocketAddr;
+use std::net::{IpAddr, Ipv4Addr, Ipv6Addr, SocketAddr};
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 /// Where the configuration of an installed page lies. Without this file the defaults hold.
 pub const DEFAULT_CONFIGURATION: &str = "/etc/scand/page.toml";
@@ -24,12 +25,17 @@ pub struct Parameters {
     /// How browsers reach the page, such as `https://rig.example`. Default none: under `localhost` and the address of
     /// `listen`.
     pub origins: Vec<String>,
+    /// The addresses of reverse proxies in front of the page, or `localhost`. `X-Forwarded-For` counts from these
+    /// alone. Default none.
+    pub proxy: Vec<String>,
     /// What the page calls the rig. Default empty.
     pub rig: String,
     /// The daemon's socket. Default `/run/scand/scand.sock`.
     pub socket: PathBuf,
     /// The folder of models. Default `/var/lib/scand/models`.
     pub models: PathBuf,
+    /// The folder of recordings, for the photographs of captures. Default `/var/lib/scand/recordings`.
+    pub recordings: PathBuf,
     /// The folder of the page's own state, which only its user can read. Default `/var/lib/scand-page`.
     pub state: PathBuf,
     /// The folder of small forms of models' files, which may be removed at any time. Default `/var/cache/scand-page`.
@@ -50,9 +56,11 @@ impl Default for Parameters {
             listen: SocketAddr::from(([127, 0, 0, 1], 8437)),
             tls: None,
             origins: Vec::new(),
+            proxy: Vec::new(),
             rig: String::new(),
             socket: crate::trigger::SOCKET.into(),
             models: "/var/lib/scand/models".into(),
+            recordings: "/var/lib/scand/recordings".into(),
             state: "/var/lib/scand-page".into(),
             cache: "/var/cache/scand-page".into(),
             control: "/run/scand-page/control.sock".into(),
@@ -92,6 +100,12 @@ pub enum Error {
     /// TLS and an origin without.
     #[error("origins: {0:?} is http, expected https, because `tls` is set")]
     NoTls(String),
+    /// A proxy that is not named by its address.
+    #[error(
+        "proxy: found {0:?}, expected an address, such as 127.0.0.1, or localhost: whoever answers for another name could \
+         say in the place of the proxy for whom it asks"
+    )]
+    Proxy(String),
     /// An origin that is refused.
     #[error("origins: {0}")]
     Origin(String),
@@ -136,7 +150,29 @@ impl Parameters {
             }
             None => {}
         }
+        self.proxies()?;
         self.origins().map(|_| ())
+    }
+
+    /// The addresses of reverse proxies.
+    ///
+    /// # Errors
+    /// If one is named in another way.
+    pub(super) fn proxies(&self) -> Result<Arc<[IpAddr]>, Error> {
+        let mut found = Vec::new();
+        for name in &self.proxy {
+            if name == "localhost" {
+                found.extend([
+                    IpAddr::from(Ipv4Addr::LOCALHOST),
+                    Ipv6Addr::LOCALHOST.into(),
+                ]);
+            } else {
+                let address = name.parse::<IpAddr>();
+                let address = address.map_err(|_| Error::Proxy(name.clone()))?;
+                found.push(address.to_canonical());
+            }
+        }
+        Ok(found.into())
     }
 
     /// The origins under which browsers reach the page.
@@ -179,6 +215,26 @@ mod tests {
                 .unwrap_err()
                 .to_string();
             assert!(words.contains(range), "{words}");
+        }
+    }
+
+    #[test]
+    fn a_proxy_is_named_by_its_address() {
+        let of = |names: &[&str]| {
+            let proxy = names.iter().map(|&name| name.into()).collect();
+            let parameters = Parameters {
+                proxy,
+                ..Parameters::default()
+            };
+            parameters.check()?;
+            parameters.proxies()
+        };
+        assert!(of(&[]).unwrap().is_empty());
+        let found = of(&["localhost", "::ffff:10.0.0.1"]).unwrap();
+        let found: Vec<String> = found.iter().map(ToString::to_string).collect();
+        assert_eq!(found, ["127.0.0.1", "::1", "10.0.0.1"]);
+        for refused in ["proxy.example", "127.0.0.1:80", "10.0.0.0/8", ""] {
+            assert!(matches!(of(&[refused]), Err(Error::Proxy(_))), "{refused}");
         }
     }
 

@@ -3,22 +3,26 @@
 
 use super::control;
 use super::daemon::Daemon;
-use super::http::{App, Client, READERS, router};
+use super::http::{App, CONNECTIONS, CONNECTIONS_OF_ONE, Client, READERS, router};
+use super::kept;
 use super::models::Models;
 use super::parameters::{self, Parameters};
+use super::recordings::Recordings;
 use super::sessions::{self, Sessions};
+use super::shares::Shares;
 use super::tls::Tls;
 use super::views::{View, Views};
 use super::watch::Watch;
 use crate::log;
 use axum::Router;
-use hyper::Request;
 use hyper::body::Incoming;
 use hyper::service::{Service, service_fn};
+use hyper::{HeaderMap, Request};
 use hyper_util::rt::{TokioIo, TokioTimer};
 use hyper_util::service::TowerToHyperService;
 use rustix::net::sockopt;
 use std::future::Future;
+use std::net::{IpAddr, Ipv6Addr};
 use std::path::{Path, PathBuf};
 use std::pin::Pin;
 use std::sync::Arc;
@@ -27,11 +31,10 @@ use std::time::Duration;
 use tokio::io::{AsyncRead, AsyncWrite, ReadBuf};
 use tokio::net::{TcpListener, TcpStream};
 use tokio::signal::unix::{SignalKind, signal};
-use tokio::sync::Semaphore;
 use tokio::time::Sleep;
 
-/// Connections at a time; any further one is closed at once.
-const CONNECTIONS: usize = 256;
+/// The header in which a reverse proxy says for whom it asks.
+const FORWARDED: &str = "x-forwarded-for";
 /// How long the headers of a request may take, and a connection may be idle.
 pub(super) const HEADERS: Duration = Duration::from_secs(5);
 /// How long the other side may refuse to read.
@@ -100,6 +103,7 @@ async fn serve(parameters: &Parameters) -> Result<(), Error> {
         cause,
     })?;
     let control = control::listen(&parameters.control).map_err(at(&parameters.control))?;
+    let proxies = parameters.proxies()?;
     let origins = parameters.origins()?;
     let origin = origins.for_links().map(|origin| origin.text.clone());
     let origin = origin.unwrap_or_default();
@@ -110,11 +114,13 @@ async fn serve(parameters: &Parameters) -> Result<(), Error> {
         () = app.watch.keep_events(&app.daemon) => {}
         () = app.watch.keep_status(&app.daemon) => {}
         () = app.look.keep(&app.daemon, &app.models) => {}
-        () = accept(listener, tls, router(app.clone()), HEADERS) => {}
+        () = accept(listener, tls, router(app.clone()), proxies, HEADERS) => {}
         () = renewal => {}
         () = prepare(&app) => {}
+        () = kept::keep(&parameters.state, &app.watch) => {}
         () = told_to_end() => {}
     }
+    let _ = kept::store(&parameters.state, &app.watch);
     let _ = std::fs::remove_file(&parameters.control);
     Ok(())
 }
@@ -127,21 +133,27 @@ pub(super) fn app(parameters: &Parameters) -> Result<Arc<App>, Error> {
         hours(parameters.viewer_hours),
     );
     let sessions = sessions.map_err(|error: sessions::Error| Error::Sessions(error.to_string()))?;
+    let watch = Watch::new();
+    if let Some((captures, ago)) = kept::load(&parameters.state) {
+        watch.restore(captures, ago);
+    }
     Ok(Arc::new(App::new(
         parameters.origins()?,
         parameters.rig.clone(),
         Arc::new(sessions),
         Arc::new(Daemon::new(&parameters.socket)),
-        Watch::new(),
+        watch,
         Models::new(&parameters.models),
-        views(&parameters.cache),
+        views(parameters),
     )))
 }
 
 /// The cache of small forms; without one, files are sent as they are.
-fn views(cache: &Path) -> Option<Views> {
+fn views(parameters: &Parameters) -> Option<Views> {
+    let cache = &parameters.cache;
+    let recordings = Recordings::new(&parameters.recordings);
     // Also after an upgrade it is this program, whatever the file is called now.
-    let views = Views::open(cache, Path::new("/proc/self/exe"));
+    let views = Views::open(cache, Path::new("/proc/self/exe"), recordings);
     views
         .map_err(|error| {
             log::warning!(
@@ -183,29 +195,38 @@ async fn told_to_end() {
     }
 }
 
-/// Accepts connections, for ever. `patience` is how long the headers of a request may take, and how long a connection
-/// may be idle.
+/// Accepts connections, for ever; one for which there is no place is closed at once. `patience` is how long the headers
+/// of a request may take, and how long a connection may be idle.
 pub(super) async fn accept(
     listener: TcpListener,
     tls: Option<Arc<Tls>>,
     router: Router,
+    proxies: Arc<[IpAddr]>,
     patience: Duration,
 ) {
-    let slots = Arc::new(Semaphore::new(CONNECTIONS));
+    let places = Shares::new(CONNECTIONS, CONNECTIONS_OF_ONE);
     loop {
         let Ok((stream, address)) = listener.accept().await else {
             // No file descriptors are left, for example.
             tokio::time::sleep(Duration::from_millis(50)).await;
             continue;
         };
-        let Ok(slot) = slots.clone().try_acquire_owned() else {
+        let peer = address.ip().to_canonical();
+        // A proxy stands for many clients, whose requests are counted.
+        let place = if proxies.contains(&peer) {
+            places.take_any(counted(peer))
+        } else {
+            places.take(counted(peer))
+        };
+        let Some(place) = place else {
             continue;
         };
         let router = router.clone();
+        let proxies = proxies.clone();
         let acceptor = tls.as_ref().map(|tls| tls.acceptor());
         let stream = StallGuard::new(stream);
-        let client = Client(address.ip());
         tokio::spawn(async move {
+            let client = move |headers: &HeaderMap| client_of(peer, &proxies, headers);
             match acceptor {
                 None => serve_one(stream, client, router, patience).await,
                 Some(acceptor) => {
@@ -216,19 +237,43 @@ pub(super) async fn accept(
                     }
                 }
             }
-            drop(slot);
+            drop(place);
         });
+    }
+}
+
+/// Who asks: the other side of the connection, or whom a proxy names last that the configuration names. What stands in
+/// front of that, anybody may have written.
+fn client_of(peer: IpAddr, proxies: &[IpAddr], headers: &HeaderMap) -> Client {
+    let forwarded = || -> Option<IpAddr> {
+        let last = headers.get_all(FORWARDED).iter().next_back()?;
+        let last = last.to_str().ok()?.rsplit(',').next()?;
+        last.trim().parse().ok()
+    };
+    let forwarded = proxies.contains(&peer).then(forwarded).flatten();
+    Client(counted(forwarded.unwrap_or(peer)))
+}
+
+/// What an address is counted as: of an IPv6 address its network, for whoever has one address of it may have all.
+fn counted(address: IpAddr) -> IpAddr {
+    match address.to_canonical() {
+        IpAddr::V6(address) => {
+            let network = u128::from(address) & !u128::from(u64::MAX);
+            IpAddr::V6(Ipv6Addr::from(network))
+        }
+        address @ IpAddr::V4(_) => address,
     }
 }
 
 async fn serve_one(
     stream: impl AsyncRead + AsyncWrite + Unpin + Send + 'static,
-    client: Client,
+    client: impl Fn(&HeaderMap) -> Client,
     router: Router,
     patience: Duration,
 ) {
     let routes = TowerToHyperService::new(router);
     let service = service_fn(move |mut request: Request<Incoming>| {
+        let client = client(request.headers());
         request.extensions_mut().insert(client);
         routes.call(request)
     });
@@ -311,6 +356,38 @@ impl AsyncWrite for StallGuard {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use hyper::header::HeaderValue;
+
+    #[test]
+    fn forwarded_headers_count_only_from_a_proxy_that_is_named() {
+        let address = |text: &str| text.parse::<IpAddr>().unwrap();
+        let named = [address("127.0.0.1"), address("::1")];
+        let of = |peer: &str, lines: &[&'static str]| {
+            let mut headers = HeaderMap::new();
+            for line in lines {
+                headers.append(FORWARDED, HeaderValue::from_static(line));
+            }
+            client_of(address(peer), &named, &headers).0.to_string()
+        };
+        for (peer, lines, expected) in [
+            ("127.0.0.1", &["10.0.0.7"][..], "10.0.0.7"),
+            ("127.0.0.1", &["1.2.3.4, 10.0.0.7"][..], "10.0.0.7"),
+            (
+                "127.0.0.1",
+                &["1.2.3.4", "5.6.7.8, 10.0.0.7"][..],
+                "10.0.0.7",
+            ),
+            ("::1", &["2001:db8:1:2:3::4"][..], "2001:db8:1:2::"),
+            ("::1", &["::ffff:10.0.0.7"][..], "10.0.0.7"),
+            ("127.0.0.1", &[][..], "127.0.0.1"),
+            ("127.0.0.1", &["10.0.0.7, unknown"][..], "127.0.0.1"),
+            ("127.0.0.1", &["rig.example"][..], "127.0.0.1"),
+            ("10.0.0.9", &["10.0.0.7"][..], "10.0.0.9"),
+            ("2001:db8::5", &["10.0.0.7"][..], "2001:db8::"),
+        ] {
+            assert_eq!(of(peer, lines), expected, "{peer} {lines:?}");
+        }
+    }
 
     #[test]
     fn a_connection_whose_other_side_acknowledges_nothing_is_given_up() {

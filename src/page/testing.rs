@@ -114,6 +114,15 @@ impl Page {
 
     /// With TLS, if its files are given; a connection may take so long for its headers.
     pub(super) fn start_with(tls: Option<TlsParameters>, patience: Duration) -> Self {
+        Self::start_behind(&[], tls, patience)
+    }
+
+    /// Behind these proxies.
+    pub(super) fn start_behind(
+        proxy: &[&str],
+        tls: Option<TlsParameters>,
+        patience: Duration,
+    ) -> Self {
         let root = tempfile::tempdir().unwrap();
         let daemon = Counted::default();
         daemon.serve(&root.path().join("scand.sock"));
@@ -126,8 +135,10 @@ impl Page {
         drop(free);
         let parameters = Parameters {
             listen: address,
+            proxy: proxy.iter().map(|&name| name.into()).collect(),
             socket: root.path().join("scand.sock"),
             models: root.path().join("models"),
+            recordings: root.path().join("recordings"),
             state: root.path().join("state"),
             cache: root.path().join("cache"),
             origins: match &tls {
@@ -140,6 +151,7 @@ impl Page {
         let tls = tls.map(|tls| Tls::open(&tls).unwrap());
         let app = app(&parameters).unwrap();
         let served = app.clone();
+        let proxies = parameters.proxies().unwrap();
         let (ready, is_ready) = mpsc::sync_channel(1);
         std::thread::spawn(move || {
             let runtime = tokio::runtime::Builder::new_current_thread();
@@ -151,7 +163,7 @@ impl Page {
                     () = served.watch.keep_events(&served.daemon) => {}
                     () = served.watch.keep_status(&served.daemon) => {}
                     () = served.look.keep(&served.daemon, &served.models) => {}
-                    () = accept(listener, tls, router(served.clone()), patience) => {}
+                    () = accept(listener, tls, router(served.clone()), proxies, patience) => {}
                 }
             });
         });

@@ -1,9 +1,10 @@
-//! Small forms of a model's files for browsers: the model in whole numbers and compressed, a thumbnail of the preview,
-//! and how far it is from another model. A confined process makes each once (`scand make-view`, which has no file but
-//! its input and its output), and it lies in a cache of a bounded size, which may be removed at any time. This process
-//! decodes nothing.
+//! Small forms for browsers: a model in whole numbers and compressed, a thumbnail of its preview, how far it is from
+//! another model, and a capture's photographs out of its recording. A confined process makes each once
+//! (`scand make-view`, which has no file but its input and its output), and it lies in a cache of a bounded size, which
+//! may be removed at any time. This process decodes nothing.
 
-use super::models::{ModelFile, Models};
+use super::models::{ModelFile, Models, is_name};
+use super::recordings::{OpenRecording, Recordings};
 use crate::clock::Clock;
 use crate::log;
 use crate::process::{Cancel, Child, ChildExit, last_line};
@@ -25,6 +26,14 @@ pub const PARENT: &str = "parent";
 pub const FORM: &str = "form";
 /// The form that tells how far two models are apart.
 pub const DIFFERENCE: &str = "difference";
+/// The form that has a capture's photographs, or only that of one camera.
+pub const PHOTOGRAPHS: &str = "photographs";
+/// The option for the name of the recording's file.
+pub const RECORDING: &str = "recording";
+/// The option for the capture.
+pub const CAPTURE: &str = "capture";
+/// The option for the camera.
+pub const CAMERA: &str = "camera";
 
 /// Largest file of which a view is made, in bytes.
 pub const LARGEST_SOURCE: u64 = 64 << 20;
@@ -96,6 +105,8 @@ pub(super) struct Views {
     folder: PathBuf,
     /// The program that has [`COMMAND`].
     program: PathBuf,
+    /// Where photographs come from.
+    recordings: Recordings,
     /// Held while a view is made: one at a time, for a press comes first.
     failed: Mutex<VecDeque<(String, Instant)>>,
     again: Duration,
@@ -109,7 +120,7 @@ impl Views {
     ///
     /// # Errors
     /// If the folder cannot be made.
-    pub(super) fn open(folder: &Path, program: &Path) -> io::Result<Self> {
+    pub(super) fn open(folder: &Path, program: &Path, recordings: Recordings) -> io::Result<Self> {
         std::fs::create_dir_all(folder)?;
         for (path, ..) in files(folder).filter(|(path, ..)| is_part(path)) {
             let _ = std::fs::remove_file(path);
@@ -117,6 +128,7 @@ impl Views {
         Ok(Self {
             folder: folder.into(),
             program: program.into(),
+            recordings,
             failed: Mutex::default(),
             again: AGAIN,
             warned: Mutex::default(),
@@ -136,24 +148,51 @@ impl Views {
         let (source, size, tag) = models.open(recording, capture, view.source())?;
         let of = format!("{recording}/{capture}");
         let text = format!("{VERSION} {recording} {capture} {} {tag}", view.form());
-        self.obtain(&text, &of, view.form(), size, || Ok(source))
+        self.obtain(&text, &of, &[view.form()], size, || Ok(source))
     }
 
-    /// How far the surfaces of two models of a recording are apart, as [`Self::get`] gives a view.
+    /// How far the surfaces of two models are apart, each given by its recording and its name, as [`Self::get`] gives a
+    /// view.
     pub(super) fn difference(
         &self,
         models: &Models,
-        recording: &str,
-        [a, b]: [&str; 2],
+        [a, b]: [[&str; 2]; 2],
     ) -> Option<(File, u64, String)> {
-        let (of_a, size_a, tag_a) = models.open(recording, a, ModelFile::Glb)?;
-        let (of_b, size_b, tag_b) = models.open(recording, b, ModelFile::Glb)?;
-        let of = format!("{recording}/{a} and {b}");
-        let text = format!("{VERSION} {recording} {a} {b} {DIFFERENCE} {tag_a} {tag_b}");
+        let (of_a, size_a, tag_a) = models.open(a[0], a[1], ModelFile::Glb)?;
+        let (of_b, size_b, tag_b) = models.open(b[0], b[1], ModelFile::Glb)?;
+        let (a, b) = (a.join("/"), b.join("/"));
+        let of = format!("{a} and {b}");
+        let text = format!("{VERSION} {a} {b} {DIFFERENCE} {tag_a} {tag_b}");
         let size = size_a.saturating_add(size_b);
-        self.obtain(&text, &of, DIFFERENCE, size, || {
+        self.obtain(&text, &of, &[DIFFERENCE], size, || {
             self.both([(of_a, size_a), (of_b, size_b)])
         })
+    }
+
+    /// The photographs of a capture, or that of one camera, as [`Self::get`] gives a view.
+    pub(super) fn photographs(
+        &self,
+        recording: &str,
+        capture: &str,
+        camera: Option<&str>,
+    ) -> Option<(File, u64, String)> {
+        let are_names = is_name(capture) && camera.is_none_or(is_name);
+        if !are_names {
+            return None;
+        }
+        let OpenRecording { file, name, tag } = self.recordings.open(recording)?;
+        let of = format!("{recording}/{capture}");
+        let one = camera.unwrap_or("*");
+        let text = format!("{VERSION} {recording} {capture} {one} {PHOTOGRAPHS} {tag}");
+        let mut options = vec![
+            PHOTOGRAPHS.to_owned(),
+            format!("--{RECORDING}={name}"),
+            format!("--{CAPTURE}={capture}"),
+        ];
+        options.extend(camera.map(|camera| format!("--{CAMERA}={camera}")));
+        let options: Vec<&str> = options.iter().map(String::as_str).collect();
+        // However large the recording is, little of it is read.
+        self.obtain(&text, &of, &options, 0, || Ok(file))
     }
 
     /// One file with two models: how many bytes the first has, it, and the second.
@@ -176,12 +215,13 @@ impl Views {
         Ok(both)
     }
 
-    /// What is in the cache under a text, which is made of a source if it is not there yet.
+    /// What is in the cache under a text, which is made of a source if it is not there yet. `form` is the form's name
+    /// and its options.
     fn obtain(
         &self,
         text: &str,
         of: &str,
-        form: &str,
+        form: &[&str],
         size: u64,
         source: impl FnOnce() -> io::Result<File>,
     ) -> Option<(File, u64, String)> {
@@ -203,7 +243,8 @@ impl Views {
             let source = source().map_err(|error| error.to_string());
             let made = source.and_then(|source| self.make(source, &key, form));
             if let Err(words) = made {
-                log::warning!("{of}: cannot make its {form} for browsers: {words}");
+                let name = form.first().unwrap_or(&"");
+                log::warning!("{of}: cannot make its {name} for browsers: {words}");
                 failed.truncate(MOST_FAILED - 1);
                 failed.push_front((key.clone(), Instant::now()));
                 return None;
@@ -226,7 +267,7 @@ impl Views {
         (found.is_file() && found.len() > 0).then_some((file, found.len()))
     }
 
-    fn make(&self, source: File, key: &str, form: &str) -> Result<(), String> {
+    fn make(&self, source: File, key: &str, form: &[&str]) -> Result<(), String> {
         let part = self.folder.join(format!("{key}.part"));
         let made = self.fill(source, &part, form);
         let named = made.and_then(|()| {
@@ -239,7 +280,7 @@ impl Views {
         named
     }
 
-    fn fill(&self, source: File, part: &Path, form: &str) -> Result<(), String> {
+    fn fill(&self, source: File, part: &Path, form: &[&str]) -> Result<(), String> {
         let said = |error: io::Error| error.to_string();
         let output = File::create(part).map_err(said)?;
         let mut command = Command::new(&self.program);
@@ -294,16 +335,17 @@ impl Drop for Views {
     }
 }
 
-/// What [`COMMAND`] is called with.
-fn arguments(form: &str) -> Vec<OsString> {
+/// What [`COMMAND`] is called with, for a form and its options.
+fn arguments(form: &[&str]) -> Vec<OsString> {
     let option = |name: &str| OsString::from(format!("--{name}"));
-    vec![
+    let mut arguments = vec![
         COMMAND.into(),
         option(PARENT),
         std::process::id().to_string().into(),
         option(FORM),
-        form.into(),
-    ]
+    ];
+    arguments.extend(form.iter().map(OsString::from));
+    arguments
 }
 
 fn is_part(path: &Path) -> bool {
@@ -343,7 +385,8 @@ mod tests {
         )
         .unwrap();
         std::fs::set_permissions(&program, std::fs::Permissions::from_mode(0o755)).unwrap();
-        let views = Views::open(&root.path().join("cache"), &program).unwrap();
+        let recordings = Recordings::new(&root.path().join("recordings"));
+        let views = Views::open(&root.path().join("cache"), &program, recordings).unwrap();
         let models = Models::new(&root.path().join("models"));
         (root, views, models)
     }
@@ -383,7 +426,7 @@ mod tests {
         let other = root.path().join("models/a/a-0002");
         std::fs::create_dir_all(&other).unwrap();
         std::fs::write(other.join("model.glb"), "glTFother").unwrap();
-        let get = |a, b| text(views.difference(&models, "a", [a, b]));
+        let get = |a, b| text(views.difference(&models, [["a", a], ["a", b]]));
         let expected = "\u{4}\0\0\0\0\0\0\0glTFglTFotherdifference\n";
         assert_eq!(get("a-0001", "a-0002").unwrap(), expected);
         assert_eq!(get("a-0001", "a-0002").unwrap(), expected);
@@ -391,6 +434,26 @@ mod tests {
         assert!(get("a-0001", "a-0003").is_none());
         assert!(get("a-0001", "../a-0002").is_none());
         assert_eq!(files(&root.path().join("cache")).count(), 1);
+    }
+
+    #[test]
+    fn photographs_are_made_of_the_recording_and_once_while_it_grows() {
+        let (root, views, _) = stand("cat; echo \"$5 $6 $7 $8\"");
+        let folder = root.path().join("recordings");
+        std::fs::create_dir(&folder).unwrap();
+        let get = |capture, camera| text(views.photographs("a", capture, camera));
+        assert!(get("a-0001", None).is_none());
+        std::fs::write(folder.join("a.mcap.part"), "MCAP").unwrap();
+        let all = "MCAPphotographs --recording=a.mcap.part --capture=a-0001 \n";
+        assert_eq!(get("a-0001", None).unwrap(), all);
+        std::fs::rename(folder.join("a.mcap.part"), folder.join("a.mcap")).unwrap();
+        assert_eq!(get("a-0001", None).unwrap(), all);
+        assert_eq!(runs(&root), 1);
+        let one = get("a-0001", Some("c00")).unwrap();
+        let expected = "MCAPphotographs --recording=a.mcap --capture=a-0001 --camera=c00\n";
+        assert_eq!(one, expected);
+        assert!(get("../a", None).is_none() && get("a-0001", Some("../c00")).is_none());
+        assert_eq!(runs(&root), 2);
     }
 
     #[test]
@@ -435,7 +498,8 @@ mod tests {
         sparse("x.part", 0);
         let views = {
             drop(views);
-            Views::open(&cache, &root.path().join("program")).unwrap()
+            let recordings = Recordings::new(root.path());
+            Views::open(&cache, &root.path().join("program"), recordings).unwrap()
         };
         assert!(!cache.join("x.part").exists());
         views.get(&models, "a", "a-0001", View::Model).unwrap();

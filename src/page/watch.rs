@@ -3,7 +3,7 @@
 
 use super::daemon::{Connection, Daemon, Error};
 use super::metrics::Metrics;
-use super::now::Now;
+use super::now::{KeptCapture, Now};
 use super::objects::folder_of;
 use crate::log;
 use crate::trigger::{Event, Reply, Request};
@@ -43,6 +43,11 @@ impl Watch {
     /// Looks at what holds now.
     pub(super) fn look<T>(&self, see: impl FnOnce(&Now) -> T) -> T {
         see(&self.now.lock())
+    }
+
+    /// Takes in the captures that an earlier process kept so long ago.
+    pub(super) fn restore(&self, kept: Vec<KeptCapture>, ago: Duration) {
+        self.change(|now| now.restore(kept, ago, Instant::now()));
     }
 
     /// What was counted.

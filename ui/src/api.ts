@@ -251,9 +251,51 @@ export interface Apart {
   growth_mm: number;
 }
 
-/** How far a model's surface is from that of another model of its recording, and a picture of that. */
-export async function difference(recording: string, capture: string, other: string): Promise<[Apart, Blob]> {
-  const address = file(recording, capture, `difference/${encodeURIComponent(other)}`);
+/** How far a model's surface is from that of another model, and a picture of that. */
+export async function difference(recording: string, capture: string, other: Summary): Promise<[Apart, Blob]> {
+  const names = [other.recording, other.capture].map(encodeURIComponent).join("/");
+  const [found, bytes] = await withPictures(file(recording, capture, `difference/${names}`));
+  return [found as Apart, jpeg(bytes)];
+}
+
+/** Models of the object that a capture shows, of other recordings; `whole` if all of them were looked through. */
+export async function related(recording: string, capture: string): Promise<{ captures: Summary[]; whole: boolean }> {
+  return (await get(file(recording, capture, "related"))) as { captures: Summary[]; whole: boolean };
+}
+
+/** A camera's photograph of a capture, small; without a picture, why there is none. */
+export interface Photograph {
+  camera: string;
+  width: number;
+  height: number;
+  picture: Blob | null;
+  words: string;
+}
+
+/** The photographs of a capture; none if its recording is not there any more. */
+export async function photographs(recording: string, capture: string): Promise<Photograph[]> {
+  const [found, bytes] = await withPictures(file(recording, capture, "photographs"));
+  let begin = 0;
+  return (found as { camera: string; width?: number; height?: number; bytes?: number; words?: string }[]).map((told) => {
+    const end = begin + (told.bytes ?? 0);
+    const picture = told.bytes ? jpeg(bytes.subarray(begin, end)) : null;
+    begin = end;
+    const { camera, width = 0, height = 0, words = "" } = told;
+    return { camera, width, height, picture, words };
+  });
+}
+
+/** Where one camera's photograph of a capture is, in a size that shows whether it is sharp. */
+export function photograph(recording: string, capture: string, camera: string): string {
+  return file(recording, capture, `photographs/${encodeURIComponent(camera)}`);
+}
+
+function jpeg(bytes: Uint8Array<ArrayBuffer>): Blob {
+  return new Blob([bytes], { type: "image/jpeg" });
+}
+
+/** A line of JSON, and the bytes behind it. */
+async function withPictures(address: string): Promise<[unknown, Uint8Array<ArrayBuffer>]> {
   let bytes: Uint8Array<ArrayBuffer>;
   try {
     const response = await fetch(address, { signal: AbortSignal.timeout(60_000) });
@@ -266,8 +308,7 @@ export async function difference(recording: string, capture: string, other: stri
     throw error instanceof Refused ? error : new Refused("network", String(error), 0);
   }
   const end = bytes.indexOf(10);
-  const found = JSON.parse(new TextDecoder().decode(bytes.subarray(0, end))) as Apart;
-  return [found, new Blob([bytes.subarray(end + 1)], { type: "image/jpeg" })];
+  return [JSON.parse(new TextDecoder().decode(bytes.subarray(0, end))), bytes.subarray(end + 1)];
 }
 
 export async function plates(): Promise<Answer> {

@@ -7,12 +7,14 @@ import "./do";
 import { Part } from "./element";
 import { cut, date, decision, reason, title, verdict } from "./history";
 import { live } from "./live";
+import "./photographs";
 import "./remake";
 import { type Key, t } from "./words";
 import type { Mode, Viewer } from "./viewer";
 
 const MODES: Mode[] = ["textured", "shaded", "provenance", "error"];
 const FILES = ["model.glb", "model.ply", "preview.png", "report.json"];
+const NONE = { captures: [], whole: true };
 
 interface Model {
   watertight?: boolean;
@@ -26,6 +28,11 @@ function isCapture(name: string): boolean {
   return !/\.(object|remake-\d+)$/.test(name);
 }
 
+/** The capture of which a model was made; null for a model of several captures. */
+function captureOf(name: string): string | null {
+  return name.endsWith(".object") ? null : name.replace(/\.remake-\d+$/, "");
+}
+
 class CapturePart extends Part {
   static properties = {
     recording: {},
@@ -33,6 +40,7 @@ class CapturePart extends Part {
     operator: { type: Boolean },
     summary: { state: true },
     others: { state: true },
+    earlier: { state: true },
     left: { state: true },
     problem: { state: true },
     model: { state: true },
@@ -46,6 +54,8 @@ class CapturePart extends Part {
   declare operator: boolean;
   declare summary: api.Summary | null;
   declare others: api.Summary[];
+  /** Models of the same object in other recordings; `whole` if all of these were looked through. */
+  declare earlier: { captures: api.Summary[]; whole: boolean };
   /** How many captures the recording has that are not listed. */
   declare left: number;
   /** Why the capture cannot be shown as it is now. */
@@ -58,6 +68,8 @@ class CapturePart extends Part {
   private viewer: Viewer | null = null;
   private name = "";
   private shown = "";
+  /** Of which capture, of which object, other recordings were asked. */
+  private related = "";
   /** Numbers of the last question, and of the last one whose answer is shown. */
   private asked = 0;
   private answered = 0;
@@ -68,6 +80,7 @@ class CapturePart extends Part {
     super();
     this.summary = null;
     this.others = [];
+    this.earlier = NONE;
     this.left = 0;
     this.problem = "";
     this.model = {};
@@ -97,6 +110,8 @@ class CapturePart extends Part {
     this.name = name;
     this.summary = null;
     this.others = [];
+    this.earlier = NONE;
+    this.related = "";
     this.left = 0;
     this.problem = "";
     this.model = {};
@@ -126,10 +141,25 @@ class CapturePart extends Part {
       this.left = all - captures.length;
       this.problem = this.summary ? "" : t("capture_not_listed");
       if (!this.summary || this.summary.verdict === "unread") return;
+      void this.relate(this.summary);
       const report = await api.report(recording, capture);
       if (!isLate()) this.model = (report.model ?? {}) as Model;
     } catch (error) {
       if (!isLate()) this.problem = error instanceof api.Refused ? error.words() : String(error);
+    }
+  }
+
+  /** Asks for models of the same object in other recordings, once for each capture that is shown. */
+  private async relate({ recording, capture, subject, has_model }: api.Summary): Promise<void> {
+    const wanted = `${recording}/${capture} ${subject ?? ""}`;
+    if (subject === null || !has_model || wanted === this.related) return;
+    this.related = wanted;
+    try {
+      const found = await api.related(recording, capture);
+      if (wanted === this.related) this.earlier = found;
+    } catch {
+      // It is asked again when something changes at the rig.
+      if (wanted === this.related) this.related = "";
     }
   }
 
@@ -196,18 +226,24 @@ class CapturePart extends Part {
   private about(summary: api.Summary): TemplateResult {
     const subject = summary.subject ? t("for_object", { subject: summary.subject }) : "";
     const time = summary.time_s === null ? "" : date(summary.time_s);
+    const pictured = captureOf(this.capture);
+    const hasOthers = this.others.length > 0 || this.earlier.captures.length > 0;
     return html`
       <p class="row">${verdict(summary.verdict)} ${decision(summary)} <bdi>${subject}</bdi>
         ${summary.placement ? html`<bdi>${t("lies", { placement: summary.placement })}</bdi>` : nothing} <span class="quiet">${time}</span></p>
       <div class="capture-page">
         ${summary.has_model ? this.viewerPart() : nothing}
         <section>
+          ${pictured
+            ? html`<scand-photographs .recording=${this.recording} .capture=${pictured}></scand-photographs>`
+            : nothing}
           <h2>${t("reasons")}</h2>
           ${summary.reasons.length === 0 ? html`<p>${t("no_reasons")}</p>` : this.reasons(summary)}
           <h2>${t("figures")}</h2>
           ${this.figures()}
-          ${summary.has_model && this.others.length > 0
-            ? html`<scand-compare .summary=${summary} .others=${this.others}></scand-compare>${cut(this.left)}`
+          ${summary.has_model && hasOthers
+            ? html`<scand-compare .summary=${summary} .others=${this.others} .earlier=${this.earlier.captures}></scand-compare>
+                ${cut(this.left)} ${this.earlier.whole ? nothing : html`<p class="quiet">${t("compare_cut")}</p>`}`
             : nothing}
           <h2>${t("notes")}</h2>
           ${summary.notes.length === 0 ? html`<p>${t("no_notes")}</p>` : this.notes(summary)}

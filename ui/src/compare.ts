@@ -1,8 +1,9 @@
-// A model's figures beside those of another one of the same recording: verdict, size, volume, and expected error.
+// A model's figures beside those of another one, of the same recording or of the same object in another one: verdict,
+// size, volume, and expected error.
 import { html, nothing, type TemplateResult } from "lit";
 import * as api from "./api";
 import { Part } from "./element";
-import { verdict } from "./history";
+import { date, title, verdict } from "./history";
 import { t } from "./words";
 
 interface Model {
@@ -17,6 +18,7 @@ class ComparePart extends Part {
   static properties = {
     summary: { attribute: false },
     others: { attribute: false },
+    earlier: { attribute: false },
     chosen: { state: true },
     models: { state: true },
     error: { state: true },
@@ -24,7 +26,9 @@ class ComparePart extends Part {
     isBusy: { state: true },
   };
   declare summary: api.Summary;
+  /** Models of the same recording, and of the same object in other recordings. */
   declare others: api.Summary[];
+  declare earlier: api.Summary[];
   declare chosen: string;
   declare models: [Model, Model] | null;
   declare error: string;
@@ -38,6 +42,7 @@ class ComparePart extends Part {
   constructor() {
     super();
     this.others = [];
+    this.earlier = [];
     this.chosen = "";
     this.models = null;
     this.error = "";
@@ -55,14 +60,24 @@ class ComparePart extends Part {
     const before = changed.get("summary") as api.Summary | undefined;
     const isAnother = before && (before.recording !== this.summary.recording || before.capture !== this.summary.capture);
     if (isAnother) this.chosen = "";
-    const other = this.others.find(({ capture }) => capture === this.chosen);
+    const other = this.other();
     if (!other) this.chosen = "";
     const { recording, capture, model_tag } = this.summary;
-    const pair = other ? [recording, capture, model_tag, other.capture, other.model_tag].join(" ") : "";
+    const pair = other ? [recording, capture, model_tag, this.value(other), other.model_tag].join(" ") : "";
     if (pair === this.pair) return;
     this.pair = pair;
     this.forget();
-    if (other) void this.load(other.capture);
+    if (other) void this.load(other);
+  }
+
+  /** The model that is chosen. */
+  private other(): api.Summary | undefined {
+    return [...this.others, ...this.earlier].find((other) => this.value(other) === this.chosen);
+  }
+
+  /** What stands for a model in the list: of the same recording its name, of another one that too. */
+  private value({ recording, capture }: api.Summary): string {
+    return recording === this.summary.recording ? capture : `${recording}/${capture}`;
   }
 
   private forget(): void {
@@ -77,9 +92,11 @@ class ComparePart extends Part {
   /** Has the surfaces compared, which takes some seconds. */
   private readonly measure = async () => {
     const { recording, capture } = this.summary;
+    const other = this.other();
+    if (!other) return;
     this.isBusy = true;
     this.error = "";
-    await this.ask(api.difference(recording, capture, this.chosen), ([found, picture]) => {
+    await this.ask(api.difference(recording, capture, other), ([found, picture]) => {
       this.apart = [found, URL.createObjectURL(picture)];
     });
   };
@@ -88,9 +105,8 @@ class ComparePart extends Part {
     this.chosen = (event.target as HTMLSelectElement).value;
   };
 
-  private async load(other: string): Promise<void> {
-    const { recording, capture } = this.summary;
-    const reports = Promise.all([capture, other].map((name) => api.report(recording, name)));
+  private async load(other: api.Summary): Promise<void> {
+    const reports = Promise.all([this.summary, other].map(({ recording, capture }) => api.report(recording, capture)));
     await this.ask(reports, (found) => {
       this.models = found.map((report) => (report.model ?? {}) as Model) as [Model, Model];
     });
@@ -109,7 +125,7 @@ class ComparePart extends Part {
   }
 
   render(): TemplateResult {
-    const other = this.others.find(({ capture }) => capture === this.chosen);
+    const other = this.other();
     return html`
       <p>
         <label for="compare">${t("compare")}</label>
@@ -119,6 +135,9 @@ class ComparePart extends Part {
             ({ capture, subject }) =>
               html`<option value=${capture} .selected=${capture === this.chosen}>${capture}${subject ? ` (${subject})` : ""}</option>`,
           )}
+          ${this.earlier.length > 0
+            ? html`<optgroup label=${t("compare_earlier")}>${this.earlier.map((earlier) => this.option(earlier))}</optgroup>`
+            : nothing}
         </select>
       </p>
       ${this.error ? html`<p role="alert">${this.error}</p>` : nothing}
@@ -127,10 +146,19 @@ class ComparePart extends Part {
     `;
   }
 
+  /** A model of another recording in the list. */
+  private option(other: api.Summary): TemplateResult {
+    const time = other.time_s === null ? "" : `, ${date(other.time_s)}`;
+    const value = this.value(other);
+    return html`<option value=${value} .selected=${value === this.chosen}>${other.recording}: ${title(other.capture)}${time}</option>`;
+  }
+
   private surfaces(other: api.Summary): TemplateResult {
     if (!other.has_model || !this.summary.has_model) return html``;
+    // The object was put down anew in between.
+    const elsewhere = other.recording === this.summary.recording ? nothing : html`<p class="quiet">${t("apart_elsewhere")}</p>`;
     if (!this.apart) {
-      return html`<p><button data-measure-surfaces ?disabled=${this.isBusy} @click=${this.measure}>
+      return html`${elsewhere}<p><button data-measure-surfaces ?disabled=${this.isBusy} @click=${this.measure}>
         ${t(this.isBusy ? "apart_busy" : "apart_measure")}
       </button></p>`;
     }
@@ -159,6 +187,7 @@ class ComparePart extends Part {
         <tbody>${row(this.summary.capture, "a_to_b")} ${row(other.capture, "b_to_a")}</tbody>
       </table>
       <p>${words}</p>
+      ${elsewhere}
       <img class="preview" src=${picture} alt=${t("apart_picture", { other: other.capture })} />
     `;
   }

@@ -321,6 +321,75 @@ test("a model is made again with other settings, beside the first", async ({ pag
   await expect(page.locator(".decision")).toHaveText("rejected");
 });
 
+test("photographs stand beside the model, and one that is chosen is shown large", async ({ page, rig }) => {
+  await rig.prepare();
+  await enter(page, rig, "viewer");
+  const [recording, capture] = make(rig);
+  await page.goto(`http://127.0.0.1:${rig.port}/#/history/${recording}/${capture}`);
+  await expect(page.locator("canvas[data-loaded]")).toBeVisible();
+  const small = page.locator(".photographs button");
+  await expect(small).toHaveCount(rig.options.cameras);
+  for (const photograph of await small.all()) {
+    await expect(photograph.locator("img")).toHaveJSProperty("naturalWidth", 320);
+  }
+  await expect(page.getByRole("dialog")).toHaveCount(0);
+  await page.getByRole("button", { name: "Enlarge the photograph of c02" }).click();
+  const large = page.getByRole("dialog", { name: `Photograph of c02 in ${capture}` });
+  await expect(large.locator("img")).toHaveJSProperty("naturalWidth", 320);
+  await shot(page, "photograph");
+  await page.keyboard.press("Escape");
+  await expect(large).toHaveCount(0);
+  await small.first().focus();
+  await page.keyboard.press("Enter");
+  await page.getByRole("button", { name: "Close" }).click();
+  await expect(page.getByRole("dialog")).toHaveCount(0);
+  expect(rig.log("page")).not.toContain("cannot make its photographs");
+});
+
+test("a model is compared with one of the same object in an earlier session", async ({ page, rig }) => {
+  await rig.prepare();
+  await enter(page, rig);
+  const object = `1911.${Date.now()}`;
+  const scan = async (session) => {
+    rig.scand("session", "start", session, "--socket", "scand.sock");
+    const lines = rig.scand("trigger", "--socket", "scand.sock", "--subject", object, "--until", "done", "--json");
+    rig.scand("session", "close", "--socket", "scand.sock");
+    return JSON.parse(lines.trim().split("\n").pop()).model.split("/").slice(-2);
+  };
+  const earlier = await scan("earlier");
+  const later = await scan("later");
+  await page.goto(`http://127.0.0.1:${rig.port}/#/history/${later.join("/")}`);
+  const list = page.getByLabel("Compare with another model");
+  await expect(list.locator("optgroup option")).toContainText([`${earlier.join(": ")}`]);
+  await list.selectOption(earlier.join("/"));
+  await expect(page.locator("[data-compared]")).toContainText("cm³");
+  await expect(page.locator("scand-compare")).toContainText("Surfaces are compared as they lay in the rig");
+  await page.locator("[data-measure-surfaces]").click();
+  await expect(page.locator("[data-apart]")).toContainText(/\d\.\d\d/, { timeout: 60_000 });
+  await page.locator("[data-compared] thead a").click();
+  await expect(page.locator("h1")).toHaveText(earlier[1]);
+});
+
+test("captures of today are in the history after the daemon and the page were started again", async ({ page, rig }) => {
+  await rig.prepare();
+  const [recording, first] = make(rig);
+  await rig.stop("daemon");
+  await rig.stop("page");
+  await rig.startDaemon();
+  await rig.startPage();
+  await enter(page, rig, "viewer");
+  await page.goto(`http://127.0.0.1:${rig.port}/#/history/${recording}`);
+  const card = page.locator(".strip li").filter({ hasText: first });
+  await expect(card.locator("img")).toHaveCount(1);
+  await expect(card.locator(".verdict")).toContainText(/Green|Amber|Red/);
+  // What was taken after that stands beside it.
+  const [again, second] = make(rig);
+  await page.goto(`http://127.0.0.1:${rig.port}/#/history/${again}`);
+  await expect(page.locator(".strip li").filter({ hasText: second })).toHaveCount(1);
+  await page.goto(`http://127.0.0.1:${rig.port}/#/history/${recording}/${first}`);
+  await expect(page.locator("canvas[data-loaded]")).toBeVisible();
+});
+
 test("what is shown of a model belongs to the capture that is shown", async ({ page, rig, expected }) => {
   expected.push("net::ERR");
   await rig.prepare();
@@ -404,6 +473,7 @@ test("reasons are in the page's language, and a list that is cut says so", async
   const rest = { decision: null, notes: [], has_preview: false, has_model: false, model_tag: null };
   await page.route("**/api/recordings/fake", (route) => route.fulfill({ json: { captures: [{ ...capture, ...rest }], all: 1201 } }));
   await page.route("**/report.json", (route) => route.fulfill({ json: {} }));
+  await page.route("**/photographs", (route) => route.fulfill({ body: "[]\n" }));
   await page.getByRole("button", { name: "Deutsch" }).click();
   await page.evaluate(() => (location.hash = "#/history/fake"));
   await expect(page.locator(".strip .quiet")).toContainText("reicht bis an den Rand eines Bildes.");

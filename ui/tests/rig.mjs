@@ -202,6 +202,7 @@ origins = [${origins.join(", ")}]
 rig = "Demonstration"
 socket = "scand.sock"
 models = "models"
+recordings = "recordings"
 state = "page-state"
 cache = "page-cache"
 control = "control.sock"
@@ -229,6 +230,7 @@ origins = ["${origin}"]
 tls = { certificate = "page-certificate.pem", key = "page-key.pem" }
 socket = "scand.sock"
 models = "models"
+recordings = "recordings"
 state = "page-tls-state"
 cache = "page-tls-cache"
 control = "control-tls.sock"

@@ -1,9 +1,9 @@
 //! What people do: begin and end their session, press, take plates, begin and close sessions, note, have models made
 //! again. Each becomes one request to the daemon; none names a path.
 
-use super::guard::{body, confirmed, cookie, operator, visitor};
+use super::guard::{body, client, confirmed, cookie, operator, visitor};
 use super::reply::{Refusal, answer, json};
-use super::{App, Client, HttpRequest};
+use super::{App, HttpRequest};
 use crate::log;
 use crate::page::daemon;
 use crate::page::models::is_name;
@@ -17,7 +17,6 @@ use axum::response::Response;
 use serde::Deserialize;
 use serde_json::{Value, json};
 use std::collections::BTreeMap;
-use std::net::{IpAddr, Ipv4Addr};
 use std::sync::Arc;
 use std::time::Duration;
 
@@ -50,8 +49,7 @@ pub(super) async fn pair(State(app): State<Arc<App>>, request: HttpRequest) -> R
 }
 
 async fn begin(app: &App, request: HttpRequest) -> Result<Response, Refusal> {
-    let client = request.extensions().get::<Client>();
-    let client = client.map_or(IpAddr::V4(Ipv4Addr::UNSPECIFIED), |client| client.0);
+    let client = client(&request);
     let (asked, origin): (Pair, _) = body(request).await?;
     let begun = app.sessions.begin(&asked.token, client);
     let (secret, role, lasts) = begun.map_err(|error| {

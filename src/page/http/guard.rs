@@ -2,7 +2,7 @@
 //! changes something. The headers that every answer carries are here too.
 
 use super::reply::Refusal;
-use super::{App, HttpRequest};
+use super::{App, Client, HttpRequest};
 use crate::page::origin::Origin;
 use crate::page::secrets::{are_equal, request_token};
 use crate::page::sessions::Role;
@@ -11,6 +11,7 @@ use axum::http::{HeaderMap, HeaderName, HeaderValue, Method, StatusCode, header}
 use axum::middleware::Next;
 use axum::response::Response;
 use serde::de::DeserializeOwned;
+use std::net::{IpAddr, Ipv4Addr};
 use std::sync::Arc;
 use std::time::Duration;
 
@@ -48,18 +49,20 @@ const HEADERS: [(HeaderName, &str); 6] = [
     ),
 ];
 
-/// Refuses what comes under another name, and puts the headers on every answer.
+/// Refuses what comes under another name, or too much from one client, and puts the headers on every answer.
 pub(super) async fn guard(
     State(app): State<Arc<App>>,
     mut request: HttpRequest,
     next: Next,
 ) -> Response {
-    let mut response = match origin(&app, &request) {
-        Ok(origin) => {
+    let client = client(&request);
+    let mut response = match (origin(&app, &request), app.requests.take(client)) {
+        (Ok(origin), Some(_place)) => {
             request.extensions_mut().insert(origin);
             next.run(request).await
         }
-        Err(refusal) => refusal.response(),
+        (Ok(_), None) => too_many().response(),
+        (Err(refusal), _) => refusal.response(),
     };
     let headers = response.headers_mut();
     for (name, value) in HEADERS {
@@ -72,6 +75,17 @@ pub(super) async fn guard(
     let unstored = HeaderValue::from_static("no-store");
     headers.entry(header::CACHE_CONTROL).or_insert(unstored);
     response
+}
+
+/// By what the client of a request is counted.
+pub(super) fn client(request: &HttpRequest) -> IpAddr {
+    let client = request.extensions().get::<Client>();
+    client.map_or(IpAddr::V4(Ipv4Addr::UNSPECIFIED), |client| client.0)
+}
+
+fn too_many() -> Refusal {
+    let words = "too many requests of this address are being answered: try again";
+    Refusal::new(StatusCode::SERVICE_UNAVAILABLE, "full", words)
 }
 
 /// The origin that the request's one `Host` names.

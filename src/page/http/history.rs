@@ -6,7 +6,8 @@ use super::reply::{Refusal, answer, json, typed};
 use super::{App, HttpRequest};
 use crate::page::models::{ModelFile, Models};
 use crate::page::now::CaptureEntry;
-use crate::page::views::View;
+use crate::page::secrets::Hash;
+use crate::page::views::{View, Views};
 use axum::body::{Body, Bytes};
 use axum::extract::{Path, State};
 use axum::http::{HeaderMap, HeaderValue, StatusCode, header};
@@ -27,6 +28,9 @@ const PIECES: usize = 4;
 
 /// How long a request for a small form waits for its turn.
 const WAIT: Duration = Duration::from_secs(20);
+
+/// How long models of an object are looked for.
+const SEARCH: Duration = Duration::from_secs(3);
 
 /// A file of a model is data: as a page of its own it may run and load nothing.
 const POLICY: &str = "default-src 'none'; sandbox; frame-ancestors 'none'";
@@ -97,6 +101,25 @@ pub(super) async fn captures(
     answer(listed.await)
 }
 
+/// Models of the object that a capture shows, of other recordings.
+pub(super) async fn related(
+    State(app): State<Arc<App>>,
+    Path((recording, capture)): Path<(String, String)>,
+    request: HttpRequest,
+) -> Response {
+    let allowed = visitor(&app, &request).map(drop);
+    let listed = async {
+        allowed?;
+        let models = app.models.clone();
+        let found = move || models.of_same_object(&recording, &capture, SEARCH);
+        let found = blocking(found).await?;
+        Ok(json(
+            &json!({ "captures": found.newest, "whole": found.is_whole }),
+        ))
+    };
+    answer(listed.await)
+}
+
 /// A file of a model, or a small form of one.
 pub(super) async fn file(
     State(app): State<Arc<App>>,
@@ -124,31 +147,87 @@ pub(super) async fn file(
     answer(sent.await)
 }
 
-/// How far the surface of a capture's model is from that of another model of its recording: a line of JSON, and a
-/// picture (JPEG) behind it.
+/// How far the surface of a capture's model is from that of another model: a line of JSON, and a picture (JPEG) behind
+/// it.
 pub(super) async fn difference(
     State(app): State<Arc<App>>,
-    Path((recording, capture, other)): Path<(String, String, String)>,
+    Path((recording, capture, with, other)): Path<(String, String, String, String)>,
     request: HttpRequest,
 ) -> Response {
     let allowed = visitor(&app, &request).map(drop);
     let headers = request.headers().clone();
+    let models = app.models.clone();
+    let make = move |views: &Views| {
+        let one = [recording.as_str(), capture.as_str()];
+        views.difference(&models, [one, [with.as_str(), other.as_str()]])
+    };
     let sent = async {
         allowed?;
-        let slot = tokio::time::timeout(WAIT, app.small.clone().acquire_owned()).await;
-        let slot = slot.map_err(|_| full())?.map_err(|_| full())?;
-        let (models, views) = (app.models.clone(), app.views.clone());
-        let made = move || views?.difference(&models, &recording, [&capture, &other]);
-        let (file, size, tag) = blocking(made).await?.ok_or_else(no_model)?;
-        let mut response = if is_known(&headers, &tag) {
-            unchanged()
-        } else {
-            send(file, size, "application/octet-stream", Coding::None, slot)
-        };
-        mark(&mut response, &tag, None);
-        Ok(response)
+        made(&app, &headers, "application/octet-stream", make).await
     };
     answer(sent.await)
+}
+
+/// The photographs of a capture, small: a line of JSON that has each camera, and the pictures (JPEG) behind it.
+pub(super) async fn photographs(
+    State(app): State<Arc<App>>,
+    Path((recording, capture)): Path<(String, String)>,
+    request: HttpRequest,
+) -> Response {
+    let allowed = visitor(&app, &request).map(drop);
+    let headers = request.headers().clone();
+    let make = move |views: &Views| views.photographs(&recording, &capture, None);
+    let sent = async {
+        allowed?;
+        let media_type = "application/octet-stream";
+        let sent = made(&app, &headers, media_type, make).await;
+        // A recording that is not there any more is no error: then there are none.
+        match sent {
+            Err(refusal) if refusal.is_not_found() => Ok(typed(media_type, Body::from("[]\n"))),
+            sent => sent,
+        }
+    };
+    answer(sent.await)
+}
+
+/// One camera's photograph of a capture.
+pub(super) async fn photograph(
+    State(app): State<Arc<App>>,
+    Path((recording, capture, camera)): Path<(String, String, String)>,
+    request: HttpRequest,
+) -> Response {
+    let allowed = visitor(&app, &request).map(drop);
+    let headers = request.headers().clone();
+    let make = move |views: &Views| views.photographs(&recording, &capture, Some(&camera));
+    let sent = async {
+        allowed?;
+        made(&app, &headers, "image/jpeg", make).await
+    };
+    answer(sent.await)
+}
+
+/// Sends what is made once and then lies in the cache.
+async fn made(
+    app: &App,
+    headers: &HeaderMap,
+    media_type: &'static str,
+    make: impl FnOnce(&Views) -> Option<(File, u64, String)> + Send + 'static,
+) -> Result<Response, Refusal> {
+    let slot = tokio::time::timeout(WAIT, app.small.clone().acquire_owned()).await;
+    let slot = slot.map_err(|_| full())?.map_err(|_| full())?;
+    let views = app.views.clone();
+    let made = move || {
+        let views = views?;
+        make(&views)
+    };
+    let (file, size, tag) = blocking(made).await?.ok_or_else(no_model)?;
+    let mut response = if is_known(headers, &tag) {
+        unchanged()
+    } else {
+        send(file, size, media_type, Coding::None, slot)
+    };
+    mark(&mut response, &tag, None);
+    Ok(response)
 }
 
 /// Who asks for a file, and how.
@@ -171,7 +250,7 @@ async fn whole(
         secret,
         headers,
     } = asked;
-    let share = app.downloads.take(secret).ok_or_else(full)?;
+    let share = app.downloads.take(Hash::of(secret)).ok_or_else(full)?;
     let models = app.models.clone();
     let opened = blocking(move || models.open(&recording, &capture, kind)).await?;
     let (file, size, tag) = opened.ok_or_else(no_model)?;

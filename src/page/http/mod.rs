@@ -7,7 +7,6 @@ mod guard;
 mod history;
 mod look;
 mod reply;
-mod shares;
 mod stream;
 
 use super::assets::{Asset, assets};
@@ -15,7 +14,9 @@ use super::daemon::Daemon;
 use super::look::Look;
 use super::models::Models;
 use super::origin::Origins;
+use super::secrets::Hash;
 use super::sessions::Sessions;
+use super::shares::Shares;
 use super::views::Views;
 use super::watch::Watch;
 use axum::Router;
@@ -23,7 +24,6 @@ use axum::http::{Request, StatusCode};
 use axum::response::Response;
 use axum::routing::{get, post};
 use reply::Refusal;
-use shares::Shares;
 use std::collections::BTreeMap;
 use std::net::IpAddr;
 use std::sync::Arc;
@@ -32,7 +32,8 @@ use tokio::sync::Semaphore;
 /// A request as the server hands it over.
 pub(super) type HttpRequest = Request<axum::body::Body>;
 
-/// A client, as the connection tells it; behind a reverse proxy that is the proxy.
+/// What a client is counted by: the address that the connection tells, or that a reverse proxy names which the
+/// configuration names.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Client(pub(super) IpAddr);
 
@@ -54,6 +55,11 @@ const STREAMS_OF_ONE: usize = 8;
 /// Requests for pictures of the cameras that wait at a time.
 const LOOKING: usize = 16;
 
+/// Connections at a time, and of one address: more than there are streams, for behind a reverse proxy that is not named
+/// all clients have one address. As many requests are answered at a time.
+pub(super) const CONNECTIONS: usize = 256;
+pub(super) const CONNECTIONS_OF_ONE: usize = 96;
+
 /// What all requests share.
 pub(super) struct App {
     pub(super) origins: Origins,
@@ -65,10 +71,11 @@ pub(super) struct App {
     pub(super) models: Models,
     pub(super) views: Option<Arc<Views>>,
     assets: BTreeMap<&'static str, Asset>,
-    downloads: Arc<Shares>,
+    requests: Arc<Shares<IpAddr>>,
+    downloads: Arc<Shares<Hash>>,
     small: Arc<Semaphore>,
     looking: Semaphore,
-    streams: Arc<Shares>,
+    streams: Arc<Shares<Hash>>,
 }
 
 impl App {
@@ -91,6 +98,7 @@ impl App {
             models,
             views: views.map(Arc::new),
             assets: assets(),
+            requests: Shares::new(CONNECTIONS, CONNECTIONS_OF_ONE),
             downloads: Shares::new(DOWNLOADS, DOWNLOADS_OF_ONE),
             small: Arc::new(Semaphore::new(SMALL)),
             looking: Semaphore::new(LOOKING),
@@ -122,8 +130,20 @@ pub(super) fn router(app: Arc<App>) -> Router {
         .route("/api/recordings", get(history::recordings))
         .route("/api/recordings/{recording}", get(history::captures))
         .route(
-            "/api/models/{recording}/{capture}/difference/{other}",
+            "/api/models/{recording}/{capture}/difference/{with}/{other}",
             get(history::difference),
+        )
+        .route(
+            "/api/models/{recording}/{capture}/related",
+            get(history::related),
+        )
+        .route(
+            "/api/models/{recording}/{capture}/photographs",
+            get(history::photographs),
+        )
+        .route(
+            "/api/models/{recording}/{capture}/photographs/{camera}",
+            get(history::photograph),
         )
         .route(
             "/api/models/{recording}/{capture}/{file}",

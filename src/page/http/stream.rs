@@ -3,8 +3,9 @@
 
 use super::guard::visitor;
 use super::reply::{Refusal, answer, typed};
-use super::shares::Share;
 use super::{App, HttpRequest};
+use crate::page::secrets::Hash;
+use crate::page::shares::Share;
 use axum::body::{Body, Bytes};
 use axum::extract::State;
 use axum::http::StatusCode;
@@ -24,7 +25,7 @@ struct Stream {
     secret: String,
     changes: watch::Receiver<u64>,
     is_first: bool,
-    _share: Share,
+    _share: Share<Hash>,
 }
 
 /// The stream of what holds now.
@@ -38,7 +39,10 @@ fn open(app: &Arc<App>, request: &HttpRequest) -> Result<Response, Refusal> {
         let words = "too many pages are open: close some";
         Refusal::new(StatusCode::SERVICE_UNAVAILABLE, "full", words)
     };
-    let share = app.streams.take(&visitor.secret).ok_or_else(full)?;
+    let share = app
+        .streams
+        .take(Hash::of(&visitor.secret))
+        .ok_or_else(full)?;
     let stream = Stream {
         changes: app.watch.changes(),
         app: app.clone(),

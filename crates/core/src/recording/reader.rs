@@ -15,6 +15,7 @@ use mcap::records::Channel;
 use parking_lot::Mutex;
 use rayon::prelude::*;
 use std::collections::{BTreeMap, VecDeque};
+use std::fs::File;
 use std::path::Path;
 
 /// A channel as a recording has it.
@@ -51,14 +52,26 @@ impl Recording {
     /// # Errors
     /// If it cannot be read, is not an MCAP file, or is a recording of another format.
     pub fn open(path: &Path) -> Result<Self, Error> {
-        let source = Source::open(path)?;
+        Self::of(Source::open(path)?)
+    }
+
+    /// As [`Self::open`], of a file that is open already, for a process that can open none. `path` is the file's name:
+    /// messages have it, and its ending says whether the file may be unfinished.
+    ///
+    /// # Errors
+    /// As for [`Self::open`].
+    pub fn of_file(file: File, path: &Path) -> Result<Self, Error> {
+        Self::of(Source::of_file(file, path)?)
+    }
+
+    fn of(source: Source) -> Result<Self, Error> {
         let mut index = Index::of(&source)?;
         let is_checked = !index.is_trustworthy();
         if is_checked {
             scan_chunks(&source, &mut index)?;
         }
         index.tell_too_many();
-        index.check_format(path)?;
+        index.check_format(&source.path)?;
         let topics = sort_by_topic(&mut index);
         Ok(Self {
             source,

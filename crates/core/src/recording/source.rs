@@ -23,18 +23,25 @@ pub(super) struct Source {
 impl Source {
     pub(super) fn open(path: &Path) -> Result<Self, Error> {
         check_is_file(path)?;
-        let file = File::open(path).map_err(io(path))?;
+        Self::of_file(File::open(path).map_err(io(path))?, path)
+    }
+
+    /// A file that is open already; `path` names it in messages, and says by its ending whether it is unfinished.
+    pub(super) fn of_file(file: File, path: &Path) -> Result<Self, Error> {
         // Before its length is known: what is completed between the two is whole, and found so.
         let being_written = path
             .as_os_str()
             .as_encoded_bytes()
             .ends_with(PART.as_bytes())
             && is_locked(&file).map_err(io(path))?;
-        let length = file.metadata().map_err(io(path))?.len();
+        let about = file.metadata().map_err(io(path))?;
+        if !about.is_file() {
+            return Err(Error::NotAFile { path: path.into() });
+        }
         Ok(Self {
             path: path.into(),
             file,
-            length,
+            length: about.len(),
             being_written,
         })
     }
