@@ -1,7 +1,8 @@
-//! Packs shapes made of square cells into a strip of given width: the highest first, each as low as it goes and there
+//! Packs shapes made of square cells into a strip of given width: the largest first, each as low as it goes and there
 //! as far left, into bays that others leave. Slower than packing rectangles, and denser where shapes are not
 //! rectangles.
 
+use std::cmp::Reverse;
 use std::ops::Range;
 
 /// A shape: for each row of cells the runs of those that it takes, from the left.
@@ -48,17 +49,43 @@ impl CellShape {
     }
 }
 
+/// By what the largest shape comes first. None is best for all sets of shapes.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum PackingOrder {
+    /// Rows.
+    Height,
+    /// Cells.
+    Area,
+    /// Rows and columns together.
+    Extent,
+}
+
+impl PackingOrder {
+    /// All of them.
+    pub const ALL: [Self; 3] = [Self::Height, Self::Area, Self::Extent];
+
+    fn size(self, shape: &CellShape) -> (usize, usize) {
+        let area = shape.area();
+        match self {
+            Self::Height => (shape.height(), area),
+            Self::Area => (area, shape.height()),
+            Self::Extent => (shape.height() + shape.width(), area),
+        }
+    }
+}
+
 /// Where the top left cell of each shape lies (column, row) in a strip of `width` cells, and how many rows the strip
 /// gets; `None` if a shape is wider than the strip, or the strip would be higher than `highest`. The result depends on
 /// the arguments alone.
 pub fn pack_shapes(
     shapes: &[CellShape],
+    by: PackingOrder,
     width: usize,
     highest: usize,
 ) -> Option<(Vec<[usize; 2]>, usize)> {
+    let sizes: Vec<_> = shapes.iter().map(|shape| by.size(shape)).collect();
     let mut order: Vec<usize> = (0..shapes.len()).collect();
-    let size = |i: &usize| (shapes[*i].height(), shapes[*i].area());
-    order.sort_by(|a, b| size(b).cmp(&size(a)).then(a.cmp(b)));
+    order.sort_by_key(|&i| (Reverse(sizes[i]), i));
     let mut strip = Strip::new(width);
     let mut places = vec![[0; 2]; shapes.len()];
     for index in order {
@@ -191,9 +218,10 @@ mod tests {
 
     proptest! {
         #[test]
-        fn shapes_lie_in_the_strip_and_apart(shapes in prop::collection::vec(rows(), 1..40), width in 60..200_usize) {
+        fn shapes_lie_in_the_strip_and_apart(shapes in prop::collection::vec(rows(), 1..40), width in 60..200_usize, by in 0..3_usize) {
             let shapes: Vec<_> = shapes.into_iter().map(CellShape::new).collect();
-            let (places, height) = pack_shapes(&shapes, width, usize::MAX).unwrap();
+            let by = PackingOrder::ALL[by];
+            let (places, height) = pack_shapes(&shapes, by, width, usize::MAX).unwrap();
             let mut taken = HashSet::new();
             for cell in shapes.iter().zip(places).flat_map(|(s, place)| cells(s, place)) {
                 prop_assert!(cell[0] < width && cell[1] < height, "{cell:?}");
@@ -206,7 +234,7 @@ mod tests {
     fn a_shape_lies_in_the_bay_of_another() {
         let bay = CellShape::new(vec![vec![0..10], vec![0..2, 8..10], vec![0..10]]);
         let bar = CellShape::new(vec![vec![0..6]]);
-        let (places, height) = pack_shapes(&[bar, bay], 10, 3).unwrap();
+        let (places, height) = pack_shapes(&[bar, bay], PackingOrder::Height, 10, 3).unwrap();
         assert_eq!((places, height), (vec![[2, 1], [0, 0]], 3));
     }
 
@@ -214,9 +242,15 @@ mod tests {
     fn what_is_too_wide_or_too_high_does_not_fit() {
         let square = CellShape::new(vec![vec![0..3]; 3]);
         let shapes = [square.clone(), square];
-        assert_eq!(pack_shapes(&shapes, 2, 9), None);
-        assert_eq!(pack_shapes(&shapes, 3, 5), None);
-        assert_eq!(pack_shapes(&shapes, 3, 6), Some((vec![[0, 0], [0, 3]], 6)));
-        assert_eq!(pack_shapes(&[], 2, 0), Some((vec![], 0)));
+        assert_eq!(pack_shapes(&shapes, PackingOrder::Height, 2, 9), None);
+        assert_eq!(pack_shapes(&shapes, PackingOrder::Height, 3, 5), None);
+        assert_eq!(
+            pack_shapes(&shapes, PackingOrder::Height, 3, 6),
+            Some((vec![[0, 0], [0, 3]], 6))
+        );
+        assert_eq!(
+            pack_shapes(&[], PackingOrder::Height, 2, 0),
+            Some((vec![], 0))
+        );
     }
 }

@@ -8,7 +8,7 @@ use super::outline::Outline;
 use super::specks::Specks;
 use super::{Parameters, Surface, Unseen};
 use crate::array::two;
-use crate::image::{CellShape, pack_shapes};
+use crate::image::{CellShape, PackingOrder, pack_shapes};
 use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
 
@@ -117,7 +117,7 @@ impl Layout {
         }
     }
 
-    /// Packs the charts into the smallest atlas of a few widths; false if none fits.
+    /// Packs the charts into the smallest atlas of a few widths and orders; false if none fits.
     fn place(&mut self, surface: &Surface, largest: usize) -> bool {
         let texels: f64 = self
             .charts
@@ -140,15 +140,16 @@ impl Layout {
             .collect();
         let widest = shapes.iter().map(CellShape::width).max().unwrap_or(1);
         let cells: usize = shapes.iter().map(CellShape::area).sum();
-        let packed = |factor: &f64| {
+        let ways = WIDTHS.map(|factor| PackingOrder::ALL.map(|order| (factor, order)));
+        let packed = |&(factor, order): &(f64, PackingOrder)| {
             let width = (((cells as f64).sqrt() * factor) as usize)
                 .max(widest)
                 .max(1);
             let width = width.min(largest / cell).max(1);
-            let (places, height) = pack_shapes(&shapes, width, largest / cell)?;
+            let (places, height) = pack_shapes(&shapes, order, width, largest / cell)?;
             Some((width * height, [width, height.max(1)], places))
         };
-        let found: Vec<_> = WIDTHS.par_iter().map(packed).collect();
+        let found: Vec<_> = ways.as_flattened().par_iter().map(packed).collect();
         let Some((_, size, places)) = found.into_iter().flatten().min_by_key(|found| found.0)
         else {
             return false;
