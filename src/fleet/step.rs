@@ -142,14 +142,12 @@ pub(super) fn run(
     command.args(words);
     if limits.threads > 0 {
         command.env("RAYON_NUM_THREADS", limits.threads.to_string());
+        // Two threads hardly wait for each other, and reuse each other's buffers.
+        command.env("MALLOC_ARENA_MAX", limits.threads.div_ceil(2).to_string());
     }
     // A child ends soon: what it frees, it keeps for its next buffers, so that the kernel clears fewer pages for it.
     for option in ["MALLOC_MMAP_THRESHOLD_", "MALLOC_TRIM_THRESHOLD_"] {
         command.env(option, "4294967296");
-    }
-    if limits.threads > 0 {
-        // Two threads hardly wait for each other, and reuse each other's buffers.
-        command.env("MALLOC_ARENA_MAX", limits.threads.div_ceil(2).to_string());
     }
     // Where systemd keeps this process's credentials, which are not the child's.
     command.env_remove("CREDENTIALS_DIRECTORY");
