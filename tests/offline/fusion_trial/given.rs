@@ -22,7 +22,7 @@ fn write_poses(path: &Path, second: &Isometry3<f64>) {
 #[test]
 fn of_a_plain_cup_a_turn_that_is_given_is_called_so_and_a_wrong_place_is_refused() {
     let desk = Desk::new();
-    let mut options = session(Shape::Cup, false, 640, "upright,turn:75", 6);
+    let mut options = session(Shape::Cup, false, 640, "upright,turn:75", 3);
     // What is asked is what is said, and not how well a rig is calibrated.
     options.faults.calibration_px = 0.0;
     let simulation = Simulation::new(options).unwrap();

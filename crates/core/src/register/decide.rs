@@ -36,6 +36,8 @@ pub(super) struct Decision {
     pub(super) verdict: Result<PoseEvidence, Refusal>,
     /// By how much contours disagree at it: all rays of both, in metres.
     pub(super) disagreement: f64,
+    /// By how much they may, in metres.
+    pub(super) accepted: f64,
     /// The worse of the two captures' own noise.
     pub(super) noise: f64,
     /// Worst stretch among both captures' contours; whether it is the second's.
@@ -123,7 +125,8 @@ pub(super) fn decide(a: &Prepared, b: &Prepared, given: Option<Isometry3<f64>>) 
 }
 
 impl CapturePair<'_> {
-    /// A pose that a person gave, and that is not changed.
+    /// A pose that a person gave, and that is not changed. Limits of poses that were fitted to the silhouettes are too
+    /// narrow for it: it is refused only where silhouettes object, and doubtful before.
     fn checked(&self, pose: Isometry3<f64>) -> Decision {
         let still = Rays {
             rounds: 0,
@@ -131,6 +134,11 @@ impl CapturePair<'_> {
         };
         let aligned = align(&self.a.body, &self.b.body, pose, still, None);
         let mut decision = self.state(&aligned, Ok(PoseEvidence::Given));
+        decision.accepted = self.object;
+        let is_beyond_fitted = decision.verdict.is_err();
+        if is_beyond_fitted && !self.do_silhouettes_object(&decision) {
+            decision.verdict = Ok(PoseEvidence::Given);
+        }
         decision.free_axis = self.free_axis(&aligned);
         decision.colours = Some(match &decision.free_axis {
             Some(axis) => self.colours_around(&aligned.pose, axis),
@@ -143,9 +151,25 @@ impl CapturePair<'_> {
                 .as_ref()
                 .is_some_and(limits::do_colours_leave_open);
         // Readings on a steep wall may contradict the true pose.
-        decision.is_doubtful =
-            self.is_contradicted(&decision) || decision.do_colours_contradict() || is_open;
+        decision.is_doubtful = is_beyond_fitted
+            || self.is_contradicted(&decision)
+            || decision.do_colours_contradict()
+            || is_open;
         decision
+    }
+
+    /// Whether silhouettes object to a pose that was not fitted to them.
+    fn do_silhouettes_object(&self, decision: &Decision) -> bool {
+        let worst = decision.stretch.as_ref().map_or(0.0, |(s, _)| s.weight());
+        decision.disagreement > self.object
+            || limits::does_stretch_object(worst, self.own_stretch())
+    }
+
+    /// The worse of the stretches in which the captures' silhouettes contradict themselves, in square pixels.
+    fn own_stretch(&self) -> f64 {
+        let own =
+            [&self.a.own, &self.b.own].map(|o| o.stretch.as_ref().map_or(0.0, |s| s.weight()));
+        own[0].max(own[1])
     }
 
     /// The axis about which the silhouettes leave the turn of a pose open, in the second's rig.
@@ -369,10 +393,8 @@ impl CapturePair<'_> {
             .into_iter()
             .filter_map(|(s, is_second)| Some((s?, is_second)))
             .max_by(|x, y| x.0.weight().total_cmp(&y.0.weight()));
-        let own =
-            [&self.a.own, &self.b.own].map(|o| o.stretch.as_ref().map_or(0.0, |s| s.weight()));
         let worst = stretch.as_ref().map_or(0.0, |(s, _)| s.weight());
-        let is_long = limits::is_long_against(worst, own[0].max(own[1]));
+        let is_long = limits::is_long_against(worst, self.own_stretch());
         let verdict = match verdict {
             Ok(_) if disagreement > self.accept => Err(Refusal::NoPose),
             Ok(_) if is_long => Err(Refusal::Stretch),
@@ -383,6 +405,7 @@ impl CapturePair<'_> {
             pose: aligned.pose,
             verdict,
             disagreement,
+            accepted: self.accept,
             noise: self.noise,
             stretch,
             free_axis: None,

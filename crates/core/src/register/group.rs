@@ -195,7 +195,7 @@ impl Found<'_> {
         into.sigma_deg = decision.uncertainty.0;
         into.sigma_mm = 1e3 * decision.uncertainty.1;
         into.disagreement_mm = Some(1e3 * decision.disagreement);
-        into.accepted_mm = 1e3 * limits::accepted(decision.noise, pixel);
+        into.accepted_mm = 1e3 * decision.accepted;
         let stretch = decision.stretch.clone();
         into.worst_stretch =
             stretch.map(|(s, is_second)| (if is_second { index } else { against }, s));

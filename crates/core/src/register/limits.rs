@@ -27,6 +27,8 @@ const AT_ONCE_GREEN: f64 = 2.0;
 const AT_ONCE_GREEN_MORE_PX: f64 = 0.16;
 /// A stretch of contour may miss by so many square pixels, length by depth.
 const STRETCH_PX2: f64 = 70.0;
+/// Against a pose that was not fitted, so many times that.
+const STRETCH_OBJECTION: f64 = 1.5;
 /// Comparisons of two captures that are made at most: so many for each capture …
 const COMPARISONS_EACH: usize = 2;
 /// … and so many more. All of up to six captures can be compared.
@@ -119,6 +121,11 @@ pub(super) fn is_long(stretch: f64) -> bool {
 /// beside what is ignored, an outline ends early in both.
 pub(super) fn is_long_against(stretch: f64, own: f64) -> bool {
     stretch > STRETCH_PX2.max(2.0 * own)
+}
+
+/// Whether a stretch objects to a pose that was not fitted to the silhouettes, whose own worst one is `own`.
+pub(super) fn does_stretch_object(stretch: f64, own: f64) -> bool {
+    is_long_against(stretch / STRETCH_OBJECTION, own)
 }
 
 /// How many comparisons of two captures are made at most, of so many captures.

@@ -194,6 +194,7 @@ mod tests {
             pose: Isometry3::translation(0.001, 0.0, 0.0),
             verdict,
             disagreement: 1e-5,
+            accepted: 1e-3,
             noise: 1e-5,
             stretch: None,
             free_axis: None,

@@ -272,7 +272,7 @@ impl<'a> Consistent<'a> {
             }
             // No response fits most boards if the readings of half of them are others.
             let part = match left_out.is_empty() {
-                true => changed_part(&planes, &line),
+                true => changed_part(&planes, parameters),
                 false => None,
             };
             let Some(part) = part else {
@@ -694,8 +694,10 @@ fn board_error<'a>(plane: &Plane<'a>, values: &Values, is_left_out: bool) -> Boa
 }
 
 /// The views before or after a change of the readings, whichever are fewer, if there is such a change.
-fn changed_part(planes: &[Plane<'_>], values: &Values) -> Option<Range<usize>> {
-    let boards = planes.iter().map(|plane| board_error(plane, values, false));
+fn changed_part(planes: &[Plane<'_>], parameters: &PlaneParameters) -> Option<Range<usize>> {
+    // A lateral scale would take a part of the change, and leave of it what no line and step explain.
+    let line = solve(planes, Lateral::One, parameters);
+    let boards = planes.iter().map(|plane| board_error(plane, &line, false));
     let boards: Vec<BoardError<'_>> = boards.collect();
     smaller_part(&boards, VIEW_OFF)
 }
