@@ -64,7 +64,7 @@ def installed():
     expect(run("systemd-analyze", "verify", RIG, WORKER), "", "verify")
     scores = []
     for name in (RIG, WORKER):
-        expect(scand.active(name), "inactive", name)
+        expect(scand.unit(name, "ActiveState", "UnitFileState"), ["inactive", "disabled"], name)
         judged = run("systemd-analyze", "security", "--no-pager", "--threshold=20", name)
         scores.append(judged.splitlines()[-1].split(": ")[1].split()[0])
     return f"the rig's process {scores[0]}, a worker {scores[1]}"
