@@ -49,18 +49,23 @@ fn user(account: &KeyPair, path: &Path) -> String {
 
 #[test]
 fn an_operators_credentials_work_for_rig_and_worker_and_their_seeds_stay_in_their_files() {
-    let (operator, account) = (KeyPair::new_operator(), KeyPair::new_account());
+    let operator = KeyPair::new_operator();
+    // A server with storage wants an account for itself, too.
+    let [account, system] = [KeyPair::new_account(), KeyPair::new_account()];
     let limits = json!({
         "subs": -1, "data": -1, "payload": -1, "imports": -1, "exports": -1, "wildcards": true,
         "conn": -1, "leaf": -1, "mem_storage": -1, "disk_storage": -1, "streams": -1, "consumer": -1,
     });
     let of_operator = json!({ "type": "operator", "version": 2 });
     let of_account = json!({ "type": "account", "version": 2, "limits": limits });
+    let of_system = json!({ "type": "account", "version": 2 });
     let configuration = format!(
-        "operator: {}\nresolver: MEMORY\nresolver_preload: {{ {}: {} }}\n",
+        "operator: {}\nsystem_account: {system}\nresolver: MEMORY\nresolver_preload: {{ {}: {}, {system}: {} }}\n",
         token(&operator, &operator, &of_operator),
         account.public_key(),
         token(&operator, &account, &of_account),
+        token(&operator, &system, &of_system),
+        system = system.public_key(),
     );
     let Some(bench) = TestBench::start(&configuration) else {
         return;
