@@ -1,10 +1,11 @@
 #!/usr/bin/env python3
 """Measures what a fleet costs on this machine: processor time, bytes on the wire and wall time for the same captures made
 locally, by one worker and by two, in alternating order. Packing, hashing, checking, committing, and the share that the rig
-makes again are counted; the server's time is stated apart. One worker is compared with a replay of one capture at a time.
-Two workers stand for two machines: each has half of this one's processors. They are compared with a replay of two captures
-at a time. Prints a line for each run, then the best run of each way, and how long it takes until the model of a capture is
-heard of when no other one waits.
+makes again are counted; the server's time is stated apart. One worker is compared with a replay of one capture at a time, and
+with what a rig without a fleet does: a confined process for each capture. Two workers stand for two machines: each has half
+of this one's processors. They are compared with a replay of two captures at a time, and with such processes. Prints a line
+for each run, then the best run of each way, and how long it takes until the model of a capture is heard of when no other
+one waits.
 
     scripts/fleet-bench.py [--captures 100] [--rounds 3] [--size 1280x960] [--scand target/release/scand]
 
@@ -81,6 +82,22 @@ class Bench:
         shutil.rmtree(out)
         return found
 
+    def as_a_rig(self):
+        """Makes each capture as the daemon does: by a process of its own, confined and of the lowest priority."""
+        out, settings = self.home / "rig", self.home / "settings.toml"
+        settings.write_text("", encoding="utf-8")
+        began, processor = time.monotonic(), 0.0
+        for number in range(self.options.captures):
+            command = [self.scand, "make-model", f"--parent={os.getpid()}", "--memory-mb=4000", "--nice=19"]
+            command += ["--replay", str(self.recording), "--capture", f"cup-{number:03}", "--out", str(out)]
+            process = subprocess.Popen([*command, "--config", str(settings), "--quiet"], stderr=subprocess.DEVNULL)
+            processor += wait(process)
+            if process.returncode != 0:
+                sys.exit(f"fleet-bench: make-model ended with {process.returncode}")
+        wall = time.monotonic() - began
+        shutil.rmtree(out)
+        return {"processor_s": processor, "wall_s": wall, "median_s_apart": wall / self.options.captures}
+
     def fleet(self, workers, *more):
         port, monitor = free_port(), free_port()
         store, out = self.home / "store", self.home / "fleet"
@@ -115,11 +132,17 @@ class Bench:
     def run(self):
         ways = {
             "local": self.local,
+            "local, a process each": self.as_a_rig,
             "one worker": lambda: self.fleet(1),
             "local, two at a time": lambda: self.local("--jobs", "2"),
             "two workers": lambda: self.fleet(2),
         }
-        compared_with = {"one worker": "local", "two workers": "local, two at a time"}
+        compared_with = [
+            ("one worker", "local"),
+            ("one worker", "local, a process each"),
+            ("two workers", "local, two at a time"),
+            ("two workers", "local, a process each"),
+        ]
         best = {}
         for number in range(self.options.rounds):
             for name, way in ways.items():
@@ -129,7 +152,7 @@ class Bench:
                     best[name] = found
         for name, found in best.items():
             print(f"best, {name}: {words(found)}")
-        for name, other in compared_with.items():
+        for name, other in compared_with:
             more = best[name]["processor_s"] / best[other]["processor_s"] - 1
             print(f"{name}, processor time against {other}: {100 * more:+.1f} %")
         some = [f"--capture=cup-{number:03}" for number in range(min(8, self.options.captures))]
