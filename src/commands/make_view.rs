@@ -1,5 +1,5 @@
 //! `scand make-view`, which only the operator's page calls: it reads a model, a preview or a recording from its
-//! standard input and writes a small form of it for browsers to its standard output, in a process that can open no file.
+//! standard input and writes a small form of it for browsers to its standard output. It can open no file.
 
 use super::confined::confine_filter;
 use super::photographs::{decoded, pictures_of};

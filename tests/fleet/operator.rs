@@ -1,5 +1,5 @@
-//! Credentials of an operator: a server that trusts signed users, whose `.creds` files hold a token and a seed. They work
-//! for a rig and a worker, and no seed is where somebody else could read it.
+//! Credentials of an operator: a server that trusts signed users, whose `.creds` files hold a token and a seed. They
+//! work for a rig and a worker, and no seed is where somebody else could read it.
 
 use crate::test_bench::{TestBench, models, said, simulated};
 use nkeys::KeyPair;

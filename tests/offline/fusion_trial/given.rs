@@ -37,7 +37,7 @@ fn of_a_plain_cup_a_turn_that_is_given_is_called_so_and_a_wrong_place_is_refused
         (fused.status.code(), said(&fused))
     };
     let folder = desk.path(&format!("out/cup/{SUBJECT}.object"));
-    // The cup is round about the vertical, so that the form bears both turns, and nothing but the file tells them apart.
+    // The cup is round about the vertical, so that the form bears both turns; only the file tells them apart.
     let about_its_axis = Isometry3::rotation(Vector3::z() * 40_f64.to_radians());
     for second in [truth, truth * about_its_axis] {
         let (code, words) = fuse(&second);
