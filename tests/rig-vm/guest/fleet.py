@@ -72,6 +72,8 @@ def installed():
 
 @chapter.step("a server with the sample's permissions; the worker's unit reaches it with its key, and listens nowhere")
 def worker():
+    # Debian's own service, which has no storage, has the port.
+    run("systemctl", "stop", "nats-server.service")
     Path("/etc/rig-vm-nats.conf").write_text(server_configuration(), encoding="utf-8")
     start_server()
     Path("/etc/default/scand-worker").write_text(f"SCAND_FLEET={ADDRESS}\n", encoding="utf-8")
