@@ -16,7 +16,7 @@ rm -rf "$over"
 mkdir -p "$over/rig-vm" "$over/etc/systemd/system/multi-user.target.wants"
 cp tests/rig-vm/guest/*.py "$over/rig-vm/"
 cp "$package" "$over/rig-vm/scand.deb"
-cp "$worker" "$over/rig-vm/scand-worker.deb"
+[ -z "$worker" ] || cp "$worker" "$over/rig-vm/scand-worker.deb"
 sensor=$(tests/openni2-sensor/stage.sh)
 cp -L "$sensor/OpenNI2/Drivers/libScandSensor.so.0" "$over/rig-vm/"
 cp "$workers" "$over/rig-vm/workers"
@@ -68,12 +68,14 @@ guest() {
 }
 # Those with many cameras, or a model.
 heavy="video mixed"
+# This one needs the worker's package, too, and is done where it is named.
+named="fleet"
 rm -f "$folder"/log* "$folder"/journal*
 failed=0
 if [ $# -ne 0 ]; then
 	guest a "$(tr ' ' ',' <<<"$*")" || failed=1
 else
-	light=$(sed -n 's/^chapter = Chapter("\([a-z]*\)".*/\1/p' tests/rig-vm/guest/*.py | grep -vxF "${heavy// /$'\n'}" | paste -sd,)
+	light=$(sed -n 's/^chapter = Chapter("\([a-z]*\)".*/\1/p' tests/rig-vm/guest/*.py | grep -vxF "${heavy// /$'\n'}"$'\n'"$named" | paste -sd,)
 	guest a "$light" &
 	first=$!
 	# Each has up to 4 GB; where there is not so much, one after the other.
