@@ -47,7 +47,7 @@ def server_configuration():
         public = run("scand", "fleet", "key", path).splitlines()[-1]
         text = text.replace(f"PUBLIC KEY OF {name}", public)
     # The rig's name is its machine's.
-    return re.sub(r"\bhall\b", host_name(), text)
+    return re.sub(r"(?<![A-Za-z])hall(?![A-Za-z])", host_name(), text)
 
 
 def start_server():
