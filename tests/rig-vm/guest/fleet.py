@@ -41,7 +41,7 @@ def server_configuration():
     text = SAMPLE.read_text(encoding="utf-8")
     text = text.replace("0.0.0.0:4222", "127.0.0.1:4222")
     text = re.sub(r"^tls \{.*?^\}\n", "", text, flags=re.DOTALL | re.MULTILINE)
-    text = text.replace("8GB", "1GB")
+    text = text.replace("8GB", "2GB")
     for name, path in KEYS.items():
         path.parent.mkdir(exist_ok=True)
         public = run("scand", "fleet", "key", path).splitlines()[-1]
