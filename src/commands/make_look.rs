@@ -2,6 +2,7 @@
 //! picture of it, and what is seen in it, to its standard output, in a process that can open no file.
 
 use super::confined::confine_filter;
+use super::picture_limit::checked;
 use crate::calibration::RigCalibration;
 use crate::daemon::look::protocol::{Head, LARGEST_INPUT, PARENT, Pixels, SegmentationSettings};
 use crate::frame::CameraId;
@@ -26,11 +27,9 @@ pub struct Args {
     parent: u32,
 }
 
-/// Memory that it may take, in megabytes: a frame and a background of [`MOST_PIXELS`], encoded and as colours.
+/// Memory that it may take, in megabytes: a frame and a background of the most pixels, encoded and as colours.
 const MEMORY_MB: u32 = 500;
 const NICE: u32 = 19;
-/// Most pixels of a frame.
-const MOST_PIXELS: usize = 50_000_000;
 /// Longest first line of the input in bytes.
 const LONGEST_HEAD: u64 = 4 << 20;
 /// Quality of the picture: for a look, not for a model.
@@ -174,15 +173,6 @@ fn raw<'a>(pixels: &'a Pixels, data: &'a [u8]) -> RawPixels<'a> {
 
 fn size(pixels: &Pixels) -> anyhow::Result<(usize, usize)> {
     checked((pixels.width as usize, pixels.height as usize))
-}
-
-fn checked(size: (usize, usize)) -> anyhow::Result<(usize, usize)> {
-    let (width, height) = size;
-    anyhow::ensure!(
-        width.saturating_mul(height) <= MOST_PIXELS,
-        "the picture has {width}x{height} pixels, expected at most {MOST_PIXELS} pixels"
-    );
-    Ok(size)
 }
 
 fn decoded(pixels: &Pixels, data: &[u8]) -> anyhow::Result<RgbImage> {

@@ -43,6 +43,8 @@ pub mod page;
 mod parse;
 #[cfg(feature = "page")]
 mod photographs;
+#[cfg(feature = "live")]
+mod picture_limit;
 pub mod publish;
 pub mod recover;
 pub mod replay;

@@ -1,5 +1,6 @@
 //! The colour pictures of a capture, as its recording has them.
 
+use super::picture_limit::checked;
 use crate::frame::{CameraId, Picture, Transfer};
 use crate::image::{
     RawPixels, RgbImage, encode_linear_as_srgb, rgb_from_file, rgb_from_raw, size_of_file,
@@ -9,8 +10,6 @@ use std::collections::BTreeMap;
 
 /// Most cameras of a capture that are looked at.
 const MOST_CAMERAS: usize = 64;
-/// Most pixels of a picture.
-const MOST_PIXELS: usize = 50_000_000;
 
 /// The first picture of each colour camera in a capture, by what the rig recorded when the capture was complete or had
 /// failed. Empty if the recording has no such capture, or does not list its frames.
@@ -59,15 +58,6 @@ pub(super) fn decoded(
         encode_linear_as_srgb(&mut pixels);
     }
     Ok(pixels)
-}
-
-fn checked(size: (usize, usize)) -> anyhow::Result<(usize, usize)> {
-    let (width, height) = size;
-    anyhow::ensure!(
-        width.saturating_mul(height) <= MOST_PIXELS,
-        "the picture has {width}x{height} pixels, expected at most {MOST_PIXELS} pixels"
-    );
-    Ok(size)
 }
 
 #[cfg(test)]
