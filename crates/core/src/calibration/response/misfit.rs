@@ -142,8 +142,8 @@ const AS_WELL: f64 = 1.15;
 pub(super) const FEWEST_BOARDS: usize = 5;
 /// Fewest boards on either side of where depth began or ceased to be displaced.
 const FEWEST_IN_PART: usize = 3;
-/// A displacement of a part of the session may leave at most this share of the error, and of what is left by a cause that
-/// all boards have: of many places where it could have begun, one always fits somewhat better.
+/// A displacement of a part of the session may leave at most this share of the error, and of what is left by a cause
+/// that all boards have: of many places where it could have begun, one always fits somewhat better.
 const PART_EXPLAINS: f64 = 0.5;
 
 /// What a model adds to a line in the depth.
