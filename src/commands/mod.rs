@@ -43,7 +43,7 @@ pub mod page;
 mod parse;
 #[cfg(feature = "page")]
 mod photographs;
-#[cfg(feature = "live")]
+#[cfg(any(feature = "live", feature = "page"))]
 mod picture_limit;
 pub mod publish;
 pub mod recover;
