@@ -6,13 +6,12 @@ use crate::commands::confined::ConfinementArgs;
 use crate::commands::make_model;
 use crate::commands::replay;
 use crate::config::Config;
-use crate::fleet::{Bundle, CommitResult, commit, step, write_bundle};
+use crate::fleet::{Bundle, CommitResult, FileSum, commit, step, write_bundle};
 use crate::frame::CaptureId;
 use crate::make_model::mark;
 use crate::recording::{Notes, Recording, beside};
 use crate::workers::{self, Job};
 use anyhow::Context;
-use sha2::{Digest, Sha256};
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
@@ -164,12 +163,11 @@ fn pack(args: &PackArgs) -> anyhow::Result<ExitCode> {
             return Ok(ExitCode::from(step::EXIT_REFUSED));
         }
     };
-    let bytes = std::fs::read(&args.to)?;
-    let hash = Sha256::digest(&bytes);
+    let FileSum { bytes, crc32 } = FileSum::of(&args.to)?;
     let packed = step::Packed {
         content_sha256: extract.content_sha256,
-        bytes: bytes.len() as u64,
-        sha256: format!("{hash:x}"),
+        bytes,
+        crc32,
     };
     std::fs::write(folder.join(step::PACKED), serde_json::to_vec(&packed)?)?;
     Ok(ExitCode::SUCCESS)

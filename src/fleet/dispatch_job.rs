@@ -105,7 +105,7 @@ impl<T: Fn(JobEvent) + Sync> JobState<'_, T> {
             capture: task.capture.clone(),
             recording: task.name.clone(),
             bytes: packed.bytes,
-            sha256: packed.sha256.clone(),
+            crc32: packed.crc32,
             pieces: pieces(packed.bytes),
             settings: task.settings.clone(),
             calibration: plan.calibration.clone(),

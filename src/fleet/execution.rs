@@ -2,6 +2,7 @@
 //! long the server is away meanwhile.
 
 use super::bundle::stated_contents;
+use super::file_sum::FileSum;
 use super::job::{HeartbeatJob, JobOffer, JobReport};
 use super::memory_class::MemoryClass;
 use super::step::{self, BUNDLE};
@@ -10,9 +11,7 @@ use super::transfer::{FULL_PAUSE, Sent, TransferError, pieces};
 use super::worker::Worker;
 use crate::log;
 use crate::storage::with_advice;
-use crate::words::hexadecimal;
 use async_nats::jetstream::{AckKind, Message};
-use sha2::{Digest, Sha256};
 use std::path::{Path, PathBuf};
 use std::sync::atomic::Ordering;
 use std::time::{Duration, Instant};
@@ -236,10 +235,9 @@ impl Worker {
     async fn fetch(&self, place: &Place, rig: &str, offer: &JobOffer) -> Result<(), ExecutionEnd> {
         loop {
             let subject = |piece| subjects::capture(rig, &offer.digest, piece);
-            let what = (offer.bytes, offer.sha256.as_str());
-            let fetched = self
-                .fleet
-                .fetch_file(CAPTURES, subject, what, &place.recording);
+            let fetched =
+                self.fleet
+                    .fetch_file(CAPTURES, subject, offer.file_sum(), &place.recording);
             match fetched.await {
                 Ok(()) => return Ok(()),
                 Err(TransferError::Gone | TransferError::Differs) => {
@@ -306,16 +304,13 @@ impl Worker {
         offer: &JobOffer,
         attempt: &str,
     ) -> Result<JobReport, ExecutionEnd> {
-        let known = || -> Result<(String, u64, String), String> {
+        let known = || -> Result<(String, FileSum), String> {
             let contents = stated_contents(bundle).map_err(|e| e.to_string())?;
-            let bytes = std::fs::read(bundle).map_err(|e| e.to_string())?;
-            Ok((
-                contents,
-                bytes.len() as u64,
-                hexadecimal(&Sha256::digest(&bytes)),
-            ))
+            let sum = FileSum::of(bundle).map_err(|e| e.to_string())?;
+            Ok((contents, sum))
         };
-        let (contents_sha256, bytes, sha256) = known().map_err(ExecutionEnd::Disk)?;
+        let (contents_sha256, sum) = known().map_err(ExecutionEnd::Disk)?;
+        let FileSum { bytes, crc32 } = sum;
         if bytes > JobReport::LARGEST {
             return Ok(self.crash(
                 attempt,
@@ -343,7 +338,7 @@ impl Worker {
             worker: self.fleet.name.clone(),
             instance: self.instance.clone(),
             bytes,
-            sha256,
+            crc32,
             pieces: pieces(bytes),
             contents_sha256,
         })

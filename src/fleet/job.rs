@@ -1,6 +1,7 @@
 //! What travels besides pictures and models: the offer of a job, what became of it, and workers' signs of life. Each is
 //! a small JSON object from outside, and is checked before it is used.
 
+use super::file_sum::FileSum;
 use super::program::Program;
 use super::subjects::is_digest;
 use crate::frame::CaptureId;
@@ -29,8 +30,8 @@ pub struct JobOffer {
     pub recording: String,
     /// Length of the capture's own recording, in bytes.
     pub bytes: u64,
-    /// SHA-256 of its bytes.
-    pub sha256: String,
+    /// CRC-32 of its bytes.
+    pub crc32: u32,
     /// In how many pieces it is on the server.
     pub pieces: usize,
     /// The configuration of the reconstruction, as TOML.
@@ -86,6 +87,14 @@ impl JobOffer {
         Ok(offer)
     }
 
+    /// What tells that its recording arrived whole.
+    pub(super) fn file_sum(&self) -> FileSum {
+        FileSum {
+            bytes: self.bytes,
+            crc32: self.crc32,
+        }
+    }
+
     /// Checks what a worker relies on.
     ///
     /// # Errors
@@ -104,7 +113,7 @@ impl JobOffer {
                 self.recording
             ));
         }
-        if !is_digest(&self.digest) || !is_digest(&self.sha256) {
+        if !is_digest(&self.digest) {
             return Err("its digest is not 64 hexadecimal digits".into());
         }
         let most = self.bytes.div_ceil(PIECE as u64) as usize;
@@ -134,8 +143,8 @@ pub enum JobReport {
         instance: String,
         /// Length of the bundle in bytes.
         bytes: u64,
-        /// SHA-256 of the bundle.
-        sha256: String,
+        /// CRC-32 of the bundle.
+        crc32: u32,
         /// In how many pieces it is on the server.
         pieces: usize,
         /// SHA-256 of the files in it, but for what may differ between two runs.
@@ -178,9 +187,9 @@ impl JobReport {
                 worker,
                 instance,
                 bytes,
-                sha256,
                 pieces,
                 contents_sha256,
+                ..
             } => {
                 named(worker, instance)?;
                 let most = bytes.div_ceil(PIECE as u64) as usize;
@@ -189,7 +198,7 @@ impl JobReport {
                         "{bytes} bytes in {pieces} pieces cannot be a result"
                     ));
                 }
-                if !is_digest(sha256) || !is_digest(contents_sha256) {
+                if !is_digest(contents_sha256) {
                     return Err("its digest is not 64 hexadecimal digits".into());
                 }
             }
@@ -334,7 +343,7 @@ pub(super) fn an_offer() -> JobOffer {
         capture: "cup-000".into(),
         recording: "cup.mcap".into(),
         bytes: 10,
-        sha256: "b".repeat(64),
+        crc32: 7,
         pieces: 1,
         settings: String::new(),
         calibration: None,
@@ -368,7 +377,6 @@ mod tests {
         }
         parse(&|offer| offer.capture = "../x".into()).unwrap_err();
         parse(&|offer| offer.digest = "A".repeat(64)).unwrap_err();
-        parse(&|offer| offer.sha256 = "ab".into()).unwrap_err();
         parse(&|offer| offer.pieces = 2).unwrap_err();
         parse(&|offer| offer.bytes = u64::MAX).unwrap_err();
         parse(&|offer| offer.memory_mb = 1).unwrap_err();

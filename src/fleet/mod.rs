@@ -10,6 +10,7 @@ mod dispatch_job;
 mod dispatcher;
 mod distrust;
 mod execution;
+mod file_sum;
 mod find_recording;
 mod job;
 mod job_state;
@@ -32,6 +33,7 @@ pub use bundle::{Bundle, BundleError, contents_sha256, read_bundle, write_bundle
 pub use commit::{CommitResult, commit};
 pub use connection::{Access, AccessError, FleetClient, Role, new_key};
 pub use dispatcher::{Dispatcher, DispatcherPlan, JobEvent, JobOutcome, Task};
+pub use file_sum::FileSum;
 pub use job::{Heartbeat, HeartbeatJob, JobOffer, JobReport};
 pub use memory_class::MemoryClass;
 pub use model_origin::ModelOrigin;

@@ -4,6 +4,7 @@
 use super::bundle::{has_model, stated_contents};
 use super::dispatcher::{JobEvent, JobOutcome};
 use super::distrust::{MARK, mark_all};
+use super::file_sum::FileSum;
 use super::job::{JobOffer, JobReport};
 use super::job_state::{JobState, Received};
 use super::model_origin::ModelOrigin;
@@ -46,7 +47,7 @@ impl<T: Fn(JobEvent) + Sync> JobState<'_, T> {
             }
             JobReport::Result {
                 bytes,
-                sha256,
+                crc32,
                 pieces,
                 contents_sha256,
                 ..
@@ -54,10 +55,13 @@ impl<T: Fn(JobEvent) + Sync> JobState<'_, T> {
                 let sender = (worker, instance);
                 let part = |piece| subjects::part(&fleet.name, &offer.digest, sender, piece);
                 let bundle = self.spool.join(BUNDLE);
+                let sum = FileSum {
+                    bytes: *bytes,
+                    crc32: *crc32,
+                };
                 self.wait_for_space(*bytes).await;
                 loop {
-                    let what = (*bytes, sha256.as_str());
-                    match fleet.fetch_file(RESULTS, part, what, &bundle).await {
+                    match fleet.fetch_file(RESULTS, part, sum, &bundle).await {
                         Ok(()) => break,
                         Err(TransferError::Gone | TransferError::Differs) => {
                             fleet.erase(subject).await;

@@ -55,8 +55,8 @@ pub struct Packed {
     pub content_sha256: String,
     /// Length of the file in bytes.
     pub bytes: u64,
-    /// SHA-256 of the file.
-    pub sha256: String,
+    /// CRC-32 of the file.
+    pub crc32: u32,
 }
 
 impl Packed {

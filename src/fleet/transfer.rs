@@ -2,14 +2,13 @@
 //! for each, and a piece that was lost can be sent again.
 
 use super::connection::FleetClient;
+use super::file_sum::{FileSum, RunningSum};
 use super::job::PIECE;
 use super::store::ServerError;
 use crate::storage::with_advice;
-use crate::words::hexadecimal;
 use bytes::Bytes;
 use futures_util::stream::FuturesOrdered;
 use futures_util::{StreamExt, TryStreamExt, stream};
-use sha2::{Digest, Sha256};
 use std::io::SeekFrom;
 use std::path::Path;
 use std::time::Duration;
@@ -108,35 +107,33 @@ impl FleetClient {
         Ok(())
     }
 
-    /// Fetches a file's pieces from `stream` into the file at `path`, and compares it with its length and digest.
+    /// Fetches a file's pieces from `stream` into the file at `path`, and compares it with its `sum`.
     pub(super) async fn fetch_file(
         &self,
         stream: &'static str,
         subject: impl Fn(usize) -> String,
-        (bytes, sha256): (u64, &str),
+        sum: FileSum,
         path: &Path,
     ) -> Result<(), TransferError> {
         let _turn = self.downloads.acquire().await;
         let io = disk(path);
         let mut file = tokio::fs::File::create(path).await.map_err(&io)?;
-        let mut hash = Sha256::new();
-        let mut length = 0;
-        let asked = (0..pieces(bytes)).map(|number| {
+        let mut arrived = RunningSum::default();
+        let asked = (0..pieces(sum.bytes)).map(|number| {
             let subject = subject(number);
             async move { self.stored_piece(stream, &subject).await }
         });
         let mut arriving = stream::iter(asked).buffered(MAX_IN_FLIGHT);
         while let Some(piece) = arriving.next().await {
             let piece: Bytes = piece?.ok_or(TransferError::Gone)?;
-            length += piece.len() as u64;
-            if length > bytes {
+            arrived.add(&piece);
+            if arrived.bytes() > sum.bytes {
                 return Err(TransferError::Differs);
             }
-            hash.update(&piece);
             file.write_all(&piece).await.map_err(&io)?;
         }
         file.flush().await.map_err(&io)?;
-        if length == bytes && hexadecimal(&hash.finalize()) == sha256 {
+        if arrived.finish() == sum {
             Ok(())
         } else {
             Err(TransferError::Differs)

@@ -380,7 +380,7 @@ fn say_result(address: &str, digest: &str, contents: &str) {
         let client = async_nats::connect(address).await.unwrap();
         let context = async_nats::jetstream::new(client);
         let said = json!({
-            "outcome": "result", "worker": "late", "instance": "i", "bytes": 1, "sha256": "0".repeat(64), "pieces": 1,
+            "outcome": "result", "worker": "late", "instance": "i", "bytes": 1, "crc32": 0, "pieces": 1,
             "contents_sha256": contents,
         });
         let subject = format!("scand.result.hall.{digest}");
@@ -413,7 +413,6 @@ fn a_recording_that_became_another_file_is_found_and_its_models_are_named_after_
 /// Plays a worker that answers one offer with a model of other settings; what it is told then.
 async fn answer_with(address: &str, models: &Path, bundle: &Path) -> String {
     use futures_util::StreamExt;
-    use sha2::{Digest, Sha256};
     let client = async_nats::connect(address).await.unwrap();
     let context = async_nats::jetstream::new(client.clone());
     let mut stop = client.subscribe("scand.stop.wrong").await.unwrap();
@@ -447,12 +446,9 @@ async fn answer_with(address: &str, models: &Path, bundle: &Path) -> String {
             .await
             .unwrap();
     }
-    let hash: String = Sha256::digest(&bytes)
-        .iter()
-        .map(|b| format!("{b:02x}"))
-        .collect();
+    let sum = scand::fleet::FileSum::of(bundle).unwrap();
     let said = serde_json::json!({
-        "outcome": "result", "worker": "wrong", "instance": "i", "bytes": bytes.len(), "sha256": hash,
+        "outcome": "result", "worker": "wrong", "instance": "i", "bytes": sum.bytes, "crc32": sum.crc32,
         "pieces": pieces.len(), "contents_sha256": made.contents_sha256().unwrap(),
     });
     let result = format!("scand.result.hall.{digest}");
