@@ -38,6 +38,8 @@ pub mod pedal;
 pub mod process;
 #[cfg(feature = "live")]
 pub mod setup;
+#[cfg(any(feature = "live", feature = "page"))]
+mod shares;
 #[cfg(test)]
 #[path = "../tests/support"]
 #[allow(dead_code, reason = "it depends on the features what is used")]

@@ -173,7 +173,7 @@ pub(super) fn listen(path: &Path) -> Result<UnixListener, SocketError> {
 }
 
 async fn accept(listener: &UnixListener, shared: &Arc<Shared>) {
-    let limiter = ConnectionLimiter::default();
+    let limiter = ConnectionLimiter::new();
     loop {
         shared.rate.acquire().await;
         match listener.accept().await {

@@ -23,7 +23,6 @@ mod recordings;
 mod secrets;
 mod serve;
 mod sessions;
-mod shares;
 mod summary;
 #[cfg(test)]
 mod testing;

@@ -9,11 +9,11 @@ use super::models::Models;
 use super::parameters::{self, Parameters};
 use super::recordings::Recordings;
 use super::sessions::{self, Sessions};
-use super::shares::Shares;
 use super::tls::Tls;
 use super::views::{View, Views};
 use super::watch::Watch;
 use crate::log;
+use crate::shares::Shares;
 use axum::Router;
 use hyper::body::Incoming;
 use hyper::service::{Service, service_fn};
@@ -218,7 +218,7 @@ pub(super) async fn accept(
         } else {
             places.take(counted(peer))
         };
-        let Some(place) = place else {
+        let Ok(place) = place else {
             continue;
         };
         let router = router.clone();

@@ -57,11 +57,11 @@ pub(super) async fn guard(
 ) -> Response {
     let client = client(&request);
     let mut response = match (origin(&app, &request), app.requests.take(client)) {
-        (Ok(origin), Some(_place)) => {
+        (Ok(origin), Ok(_place)) => {
             request.extensions_mut().insert(origin);
             next.run(request).await
         }
-        (Ok(_), None) => too_many().response(),
+        (Ok(_), Err(_)) => too_many().response(),
         (Err(refusal), _) => refusal.response(),
     };
     let headers = response.headers_mut();

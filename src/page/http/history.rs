@@ -250,7 +250,7 @@ async fn whole(
         secret,
         headers,
     } = asked;
-    let share = app.downloads.take(Hash::of(secret)).ok_or_else(full)?;
+    let share = app.downloads.take(Hash::of(secret)).map_err(|_| full())?;
     let models = app.models.clone();
     let opened = blocking(move || models.open(&recording, &capture, kind)).await?;
     let (file, size, tag) = opened.ok_or_else(no_model)?;

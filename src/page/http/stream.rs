@@ -5,7 +5,7 @@ use super::guard::visitor;
 use super::reply::{Refusal, answer, typed};
 use super::{App, HttpRequest};
 use crate::page::secrets::Hash;
-use crate::page::shares::Share;
+use crate::shares::Share;
 use axum::body::{Body, Bytes};
 use axum::extract::State;
 use axum::http::StatusCode;
@@ -42,7 +42,7 @@ fn open(app: &Arc<App>, request: &HttpRequest) -> Result<Response, Refusal> {
     let share = app
         .streams
         .take(Hash::of(&visitor.secret))
-        .ok_or_else(full)?;
+        .map_err(|_| full())?;
     let stream = Stream {
         changes: app.watch.changes(),
         app: app.clone(),
