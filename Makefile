@@ -93,7 +93,7 @@ deb-test: deb ## install the package on a clean Debian 12 in a folder, run it, p
 rig-vm: deps ## check the package in a guest whose kernel plays cameras and foot switches (as root on Debian; CHAPTERS="video pedal")
 	CARGO=$(CARGO) tests/rig-vm/run.sh $(CHAPTERS)
 
-torture: deps ## test each promise of docs/promises.md (as root on Debian; N=60 for hours; CHAPTERS="power disk")
+torture: deps ## test the promises of docs/promises.md that are about faults (as root on Debian; N=60 for hours; CHAPTERS="power disk")
 	N=$(or $(N),1) CARGO=$(CARGO) tests/torture/run.sh $(CHAPTERS)
 
 # With cameras, where their libraries are installed.

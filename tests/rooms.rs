@@ -518,7 +518,7 @@ const NETWORK: [&str; 3] = [
     "lab/serve/color",
 ];
 
-/// The one file that listens: the operator's page, a process of its own, and on loopback alone (`page::Parameters`).
+/// The one file that listens: the operator's page, a process of its own, on loopback or with TLS (`page::Parameters`).
 const LISTENS: &str = "page/serve";
 
 #[test]
