@@ -298,6 +298,14 @@ fn what_would_be_ignored_is_refused() {
             "{more:?}: {errors}"
         );
     }
+    // Forced, a session would be replaced with its calibration.
+    for from in ["--from", "--force"] {
+        let (code, _, errors) = calibrate(&[from, "SESSION.mcap", "--out", "SESSION.mcap"]);
+        assert!(
+            code == Some(2) && errors.contains("is read as a recording"),
+            "{errors}"
+        );
+    }
     for method in ["plane", "none"] {
         let table = ["--depth-table", "a.txt", "--depth-response", method];
         let (code, _, errors) = calibrate(&[&["SESSION.mcap"], &table[..]].concat());

@@ -138,6 +138,7 @@ impl From<ModelArgument> for LensModel {
 /// If a recording cannot be read, the board is unknown or a different one, the cameras cannot be joined, or the file
 /// already exists.
 pub fn run(args: Args) -> anyhow::Result<ExitCode> {
+    refuse_recording_as_out(args.out.as_deref())?;
     refuse_to_replace("--out", args.out.as_deref(), args.force)?;
     args.files.check_folders()?;
     if let Some(from) = &args.from {
@@ -204,6 +205,18 @@ pub fn run(args: Args) -> anyhow::Result<ExitCode> {
         );
     }
     Ok(acceptance.exit_code(&outcome, args.accept_doubtful))
+}
+
+/// Refuses to write a calibration to the name of a recording, as which it would be read; with `--force` it would
+/// replace the session.
+fn refuse_recording_as_out(out: Option<&Path>) -> anyhow::Result<()> {
+    match out.filter(|out| out.extension().is_some_and(|e| e == "mcap")) {
+        None => Ok(()),
+        Some(out) => Err(wrong_usage(format!(
+            "--out {}: what ends in .mcap is read as a recording; give the calibration another name, such as rig.toml",
+            out.display()
+        ))),
+    }
 }
 
 /// The placements of the recordings, or of the pictures.

@@ -466,6 +466,19 @@ fn cameras_that_are_all_mirrored_are_a_consistent_rig() {
 }
 
 #[test]
+fn cameras_that_were_exchanged_before_the_session_are_a_consistent_rig() {
+    let mut session = rig(4, 1).session(0.1, &mut Random(7));
+    for view in &mut session.views {
+        view.camera = [0, 2, 1, 3][view.camera];
+    }
+    let (findings, level) = told(&session);
+    assert!(
+        findings.is_empty() && level < CalibrationLevel::Doubtful,
+        "{findings:?}"
+    );
+}
+
+#[test]
 fn a_camera_that_is_pushed_aside_is_told_with_how_far() {
     let truth = rig(4, 1);
     let mut session = truth.session(0.1, &mut Random(7));
