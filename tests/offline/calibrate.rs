@@ -633,6 +633,35 @@ mod long {
             errors.contains("unwritten.doubtful.toml already exists"),
             "{errors}"
         );
+        // Nor is it exported from that file, unless it is accepted.
+        let aside = path("unwritten.doubtful.toml");
+        let export = ["--from", &aside, "--kalibr", &unexported];
+        let (code, _, errors) = calibrate(&export);
+        assert!(
+            code == Some(3) && errors.contains("--accept-doubtful exports it"),
+            "{errors}"
+        );
+        assert!(!Path::new(&unexported).exists());
+        let (code, _, errors) = calibrate(&[&export[..], &["--accept-doubtful"]].concat());
+        assert!(
+            code == Some(0) && Path::new(&unexported).exists(),
+            "{errors}"
+        );
+        // A later calibration that is not doubtful leaves it, and names it.
+        let session = path("session.mcap");
+        let (code, _, errors) = calibrate(&[&session, "--force", "--out", &unwritten]);
+        assert!(
+            code == Some(0)
+                && errors.contains("unwritten.doubtful.toml is of an earlier calibration"),
+            "{errors}"
+        );
+        // What was measured between cameras that are not there is refused.
+        let measured = ["--distance", "c00", "c99", "1200mm"];
+        let errors = alone.refused(1, &measured);
+        assert!(
+            errors.contains("have no camera c99, expected one of c00"),
+            "{errors}"
+        );
         let told = alone.calibrated(&["--set", "calibration.wanted.views=99"]);
         assert!(
             told["missing"].to_string().contains("expected 99 or more"),
