@@ -10,8 +10,12 @@ use std::collections::BTreeMap;
 /// For each placement without which the cameras fall apart: which of them, and the placement.
 pub(super) fn single_joints(fit: &Fit) -> Vec<Reason> {
     let mut found = Vec::new();
+    let whole = groups_without(fit, None).len();
     for (placement, joint) in fit.placements.iter().enumerate() {
-        let groups = groups_without(fit, placement);
+        let groups = groups_without(fit, Some(placement));
+        if groups.len() == whole {
+            continue;
+        }
         // All but the largest group hang on it.
         let largest = groups.iter().map(Vec::len).max().unwrap_or(0);
         let kept = groups.iter().position(|group| group.len() == largest);
@@ -39,11 +43,12 @@ pub(super) fn single_joints(fit: &Fit) -> Vec<Reason> {
     found
 }
 
-/// The cameras, as indices, in groups that share placements if this one is not counted.
-fn groups_without(fit: &Fit, placement: usize) -> Vec<Vec<usize>> {
+/// The cameras, as indices, in groups that share placements, where one placement may not be counted.
+fn groups_without(fit: &Fit, placement: Option<usize>) -> Vec<Vec<usize>> {
     let mut group_of: Vec<usize> = (0..fit.cameras.len()).collect();
     let mut first_at: BTreeMap<usize, usize> = BTreeMap::new();
-    for view in fit.residuals.iter().filter(|v| v.placement != placement) {
+    let counted = fit.residuals.iter();
+    for view in counted.filter(|v| Some(v.placement) != placement) {
         let first = *first_at.entry(view.placement).or_insert(view.camera);
         let [kept, joined] = [first, view.camera].map(|camera| group_of[camera]);
         for group in group_of.iter_mut().filter(|group| **group == joined) {
