@@ -70,8 +70,8 @@ mod tests {
     use crate::calibration::Board;
     use nalgebra::Point3;
 
-    /// Three cameras, of which the last shares its placements with the others or, if `is_apart`, only one; and which one.
-    /// There it sees the board moved by so many metres.
+    /// Three cameras, of which the last shares its placements with the others or, if `is_apart`, only one; and which
+    /// one. There it sees the board moved by so many metres.
     fn session(is_apart: bool, moved: f64) -> (Session, usize) {
         let board = Board::checkerboard(6, 5, 0.035).unwrap();
         let camera = |i: usize| {
