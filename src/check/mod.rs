@@ -108,6 +108,21 @@ pub fn calibration(modified: Option<std::io::Result<SystemTime>>) -> Finding {
     }
 }
 
+/// A calibration whose own verdict, `worth`, is worse than accepted: with the first reason for that.
+pub fn doubted_calibration(worth: &str, is_refused: bool, reason: Option<&str>) -> Finding {
+    let state = match is_refused {
+        true => State::Wrong,
+        false => State::Advice,
+    };
+    let reason = reason.map_or_else(String::new, |reason| format!(": {reason}"));
+    Finding::not_ok(
+        state,
+        "the calibration's verdict",
+        format!("{worth}{reason}"),
+        "models made with it say so: calibrate again, docs/calibration.md",
+    )
+}
+
 fn days_old(age: Duration) -> String {
     let days = age.as_secs() / 86_400;
     format!("{} old", count(days as usize, "day"))
@@ -127,6 +142,18 @@ mod tests {
         assert_eq!(
             Finding::ok("disk", "room for 7").line(),
             "ok     disk: room for 7"
+        );
+    }
+
+    #[test]
+    fn a_calibration_that_is_not_to_be_used_is_told() {
+        let reason = Some("camera c02 moved");
+        let doubted = doubted_calibration("doubtful", false, reason);
+        assert_eq!(doubted.state, State::Advice);
+        assert_eq!(doubted.found, "doubtful: camera c02 moved");
+        assert_eq!(
+            doubted_calibration("refused", true, None).state,
+            State::Wrong
         );
     }
 

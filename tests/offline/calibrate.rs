@@ -298,6 +298,14 @@ fn what_would_be_ignored_is_refused() {
             "{more:?}: {errors}"
         );
     }
+    // Forced, a session would be replaced with its calibration.
+    for from in ["--from", "--force"] {
+        let (code, _, errors) = calibrate(&[from, "SESSION.mcap", "--out", "SESSION.mcap"]);
+        assert!(
+            code == Some(2) && errors.contains("is read as a recording"),
+            "{errors}"
+        );
+    }
     for method in ["plane", "none"] {
         let table = ["--depth-table", "a.txt", "--depth-response", method];
         let (code, _, errors) = calibrate(&[&["SESSION.mcap"], &table[..]].concat());
@@ -623,6 +631,35 @@ mod long {
         let errors = alone.refused(1, &[&less[..], &asked].concat());
         assert!(
             errors.contains("unwritten.doubtful.toml already exists"),
+            "{errors}"
+        );
+        // Nor is it exported from that file, unless it is accepted.
+        let aside = path("unwritten.doubtful.toml");
+        let export = ["--from", &aside, "--kalibr", &unexported];
+        let (code, _, errors) = calibrate(&export);
+        assert!(
+            code == Some(3) && errors.contains("--accept-doubtful exports it"),
+            "{errors}"
+        );
+        assert!(!Path::new(&unexported).exists());
+        let (code, _, errors) = calibrate(&[&export[..], &["--accept-doubtful"]].concat());
+        assert!(
+            code == Some(0) && Path::new(&unexported).exists(),
+            "{errors}"
+        );
+        // A later calibration that is not doubtful leaves it, and names it.
+        let session = path("session.mcap");
+        let (code, _, errors) = calibrate(&[&session, "--force", "--out", &unwritten]);
+        assert!(
+            code == Some(0)
+                && errors.contains("unwritten.doubtful.toml is of an earlier calibration"),
+            "{errors}"
+        );
+        // What was measured between cameras that are not there is refused.
+        let measured = ["--distance", "c00", "c99", "1200mm"];
+        let errors = alone.refused(1, &measured);
+        assert!(
+            errors.contains("have no camera c99, expected one of c00"),
             "{errors}"
         );
         let told = alone.calibrated(&["--set", "calibration.wanted.views=99"]);

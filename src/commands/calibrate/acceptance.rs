@@ -43,6 +43,17 @@ impl Acceptance {
         }
     }
 
+    /// The file of the other name, which this calibration does not write, if an earlier one left it there.
+    pub(super) fn earlier_file(self, asked: Option<&Path>) -> Option<PathBuf> {
+        let asked = asked?;
+        let other = match self {
+            Self::Whole | Self::Forced => doubtful_name(asked),
+            Self::Aside => asked.to_owned(),
+            Self::Nothing => return None,
+        };
+        other.symlink_metadata().is_ok().then_some(other)
+    }
+
     /// 0: all well, or accepted as it is. 1: refused, also where it is written. 3: doubtful, or something was lost.
     pub(super) fn exit_code(self, outcome: &Outcome, doubtful_too: bool) -> ExitCode {
         let lost = match doubtful_too {
@@ -53,7 +64,8 @@ impl Acceptance {
         ExitCode::from(self.code(lost))
     }
 
-    fn code(self, has_lost: bool) -> u8 {
+    /// The same as a number.
+    pub(super) fn code(self, has_lost: bool) -> u8 {
         match self {
             Self::Nothing | Self::Forced => EXIT_REFUSED,
             Self::Aside => EXIT_INCOMPLETE,
@@ -100,6 +112,25 @@ mod tests {
         assert_eq!(out(CalibrationLevel::Refused, false, true), None);
         assert_eq!(out(CalibrationLevel::Refused, true, false), Some(whole));
         assert_eq!(doubtful_name(Path::new("rig")), Path::new("rig.doubtful"));
+    }
+
+    #[test]
+    fn a_file_of_an_earlier_calibration_under_the_other_name_is_found() {
+        let folder = tempfile::tempdir().unwrap();
+        let asked = folder.path().join("rig.toml");
+        let doubtful = doubtful_name(&asked);
+        let earlier = |acceptance: Acceptance| acceptance.earlier_file(Some(&asked));
+        for acceptance in [Acceptance::Whole, Acceptance::Forced, Acceptance::Aside] {
+            assert_eq!(earlier(acceptance), None);
+        }
+        std::fs::write(&doubtful, "").unwrap();
+        assert_eq!(earlier(Acceptance::Whole), Some(doubtful.clone()));
+        assert_eq!(earlier(Acceptance::Forced), Some(doubtful));
+        assert_eq!(earlier(Acceptance::Aside), None);
+        std::fs::write(&asked, "").unwrap();
+        assert_eq!(earlier(Acceptance::Aside), Some(asked.clone()));
+        assert_eq!(earlier(Acceptance::Nothing), None);
+        assert_eq!(Acceptance::Whole.earlier_file(None), None);
     }
 
     #[test]

@@ -63,15 +63,31 @@ fn ruler(text: &str) -> Result<RulerReading, String> {
 
 /// `1200mm±1mm`, `1200mm+-1mm` or `1200mm`.
 fn measured(text: &str, longest: f64, usual: f64) -> Result<Length, String> {
-    let parts = text.split_once('±').or_else(|| text.split_once("+-"));
-    let (value, deviation) = match parts {
-        Some((value, deviation)) => (value, length(deviation, longest)?),
-        None => (text, usual),
+    let Some((value, deviation)) = text.split_once('±').or_else(|| text.split_once("+-")) else {
+        let metres = length(text, longest)?;
+        return Ok(Length {
+            metres,
+            deviation: usual,
+        });
     };
-    Ok(Length {
+    let shown = deviation.trim();
+    // ±0.3 after millimetres would be 0.3 metres, with which any length agrees.
+    if range::has_unit(value) && !range::has_unit(deviation) {
+        return Err(format!(
+            "±{shown} has no unit, expected one as in 199.2mm±0.3mm"
+        ));
+    }
+    let found = Length {
         metres: length(value, longest)?,
-        deviation,
-    })
+        deviation: length(deviation, longest)?,
+    };
+    match found.deviation < found.metres {
+        true => Ok(found),
+        false => Err(format!(
+            "±{shown} is as large as what was measured, {}",
+            value.trim()
+        )),
+    }
 }
 
 /// A length in metres: a number with its unit, or a plain number of metres that is below `longest`.
@@ -109,7 +125,13 @@ mod tests {
             1.2,
             0.015,
         );
-        for text in ["200mm=199.2mm", "0.2=0.1992", "20cm=199.2 mm"] {
+        for text in [
+            "200mm=199.2mm",
+            "0.2=0.1992",
+            "20cm=199.2 mm",
+            "20cm=19.92cm",
+            " 200mm = 199.2mm ",
+        ] {
             let reading = ruler(text).unwrap();
             assert!((reading.printed - 0.2).abs() < 1e-12);
             near(reading.measured, 0.1992, 0.0005);
@@ -121,8 +143,19 @@ mod tests {
             "200mm=199.2mm±",
             "0mm=1mm",
             "200mm=nanmm",
+            "200mm=199,2mm",
+            "200mm=199.2",
         ] {
             assert!(ruler(bad).is_err(), "{bad}");
+        }
+        for (bad, named) in [
+            ("200mm=199.2mm±0.3", "±0.3 has no unit"),
+            ("200mm=199.2mm +- 0.3", "±0.3 has no unit"),
+            ("200mm=199.2mm±250mm", "±250mm is as large as"),
+            ("0.2=0.1992±0.3", "±0.3 is as large as"),
+        ] {
+            let message = ruler(bad).unwrap_err();
+            assert!(message.starts_with(named), "{message}");
         }
     }
 }

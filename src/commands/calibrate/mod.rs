@@ -46,8 +46,7 @@ pub struct Args {
     /// Fit nothing, but export the calibration of this calibration file or recording with --ros, --kalibr or --out
     #[arg(long, value_name = "FILE", conflicts_with_all = [
         "sessions", "board", "fix_intrinsics", "start", "model", "table_placement", "depth_response", "depth_table",
-        "report", "check", "json", "accept_doubtful", "from_placement", "until_placement", "measured", "distance",
-        "pictures",
+        "report", "check", "json", "from_placement", "until_placement", "measured", "distance", "pictures",
     ])]
     from: Option<PathBuf>,
     /// The board, such as checkerboard:11x8:25mm or charuco:11x8:25mm:two-sided (in inner corners); by default the
@@ -139,11 +138,20 @@ impl From<ModelArgument> for LensModel {
 /// If a recording cannot be read, the board is unknown or a different one, the cameras cannot be joined, or the file
 /// already exists.
 pub fn run(args: Args) -> anyhow::Result<ExitCode> {
+    refuse_recording_as_out(args.out.as_deref())?;
     refuse_to_replace("--out", args.out.as_deref(), args.force)?;
     args.files.check_folders()?;
     if let Some(from) = &args.from {
         let (out, files) = (args.out.as_deref(), &args.files);
-        return export::run(from, out, files, args.force, args.quiet);
+        let export = export::Export {
+            from,
+            out,
+            files,
+            force: args.force,
+            accept_doubtful: args.accept_doubtful,
+            quiet: args.quiet,
+        };
+        return export.run();
     }
     if let (Some(out), false) = (&args.out, args.accept_doubtful) {
         refuse_to_replace("--out", Some(&doubtful_name(out)), args.force)?;
@@ -154,6 +162,7 @@ pub fn run(args: Args) -> anyhow::Result<ExitCode> {
     let config = configuration(&args)?;
     let depth = args.depth.method(config.calibration.plane.clone())?;
     let lenses = Lenses::read(&args)?;
+    let measured = args.measured.all()?;
     let recordings = recordings(&args, &config.sync)?;
     let cameras: BTreeMap<CameraId, bool> =
         recordings.iter().flat_map(Placements::cameras).collect();
@@ -174,7 +183,7 @@ pub fn run(args: Args) -> anyhow::Result<ExitCode> {
         wanted: config.calibration.wanted,
         limits: config.calibration.limits,
         witnesses: config.calibration.witness,
-        measured: args.measured.all()?,
+        measured,
     };
     let outcome = calibrate::run(detections, &recordings, options)?;
     print_problems(&outcome.depth.lost, args.quiet);
@@ -189,7 +198,25 @@ pub fn run(args: Args) -> anyhow::Result<ExitCode> {
     }
     print(&args, &outcome, out.as_deref());
     tell_what_is_not_written(&args, acceptance);
+    if let Some(earlier) = acceptance.earlier_file(args.out.as_deref()) {
+        eprintln!(
+            "scand: {} is of an earlier calibration, not of this one: remove it if nothing needs it",
+            earlier.display()
+        );
+    }
     Ok(acceptance.exit_code(&outcome, args.accept_doubtful))
+}
+
+/// Refuses to write a calibration to the name of a recording, as which it would be read; with `--force` it would
+/// replace the session.
+fn refuse_recording_as_out(out: Option<&Path>) -> anyhow::Result<()> {
+    match out.filter(|out| out.extension().is_some_and(|e| e == "mcap")) {
+        None => Ok(()),
+        Some(out) => Err(wrong_usage(format!(
+            "--out {}: what ends in .mcap is read as a recording; give the calibration another name, such as rig.toml",
+            out.display()
+        ))),
+    }
 }
 
 /// The placements of the recordings, or of the pictures.

@@ -32,6 +32,13 @@ impl Summary<'_> {
                 100.0 * share.part()
             ));
         }
+        let without = self.outcome.detections.rejected.len();
+        if without > 0 {
+            lines.push(format!(
+                "no board that can be used: {without} of {}",
+                count(without + session.views.len(), "picture")
+            ));
+        }
         lines.push(
             "camera        views  rms px  median    max  seen %  focal px         ±  place ± mm  turn ± °  at object ± mm"
                 .into(),

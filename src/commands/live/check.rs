@@ -1,6 +1,7 @@
 //! `scand check`: finds what is wrong with the rig before work begins, and packs a bundle for support.
 
 use super::config_args::ConfigArgs;
+use crate::calibration::{CalibrationLevel, CalibrationRecord};
 use crate::check::{self, Bundle, Finding, Host, State, without_passwords};
 use crate::clock::Clock;
 use crate::commands::{BadConfiguration, EXIT_CONFIGURATION, VERSION};
@@ -109,6 +110,7 @@ fn prepared_findings(args: &Args, prepared: Prepared, clock: Clock) -> Findings 
         config,
         rig_cameras,
         calibration,
+        header,
         ..
     } = prepared;
     let words = format!(
@@ -118,6 +120,7 @@ fn prepared_findings(args: &Args, prepared: Prepared, clock: Clock) -> Findings 
     );
     let mut all = vec![Finding::ok("configuration", words)];
     all.push(check::calibration(calibration.as_deref().map(modified)));
+    all.extend(header.calibration.as_ref().and_then(doubted));
     let (daemon, status) = match ask(&config.socket.path) {
         Ok(answered) => answered,
         Err(denied) => {
@@ -156,6 +159,22 @@ fn prepared_findings(args: &Args, prepared: Prepared, clock: Clock) -> Findings 
         status,
         bad_configuration: false,
     }
+}
+
+/// What the verdict of a calibration says against its use.
+fn doubted(record: &CalibrationRecord) -> Option<Finding> {
+    let verdict = &record.verdict;
+    let is_refused = match verdict.level {
+        CalibrationLevel::Good | CalibrationLevel::Accepted => return None,
+        CalibrationLevel::Doubtful => false,
+        CalibrationLevel::Refused => true,
+    };
+    let reason = verdict.reasons.first().map(String::as_str);
+    Some(check::doubted_calibration(
+        verdict.level.name(),
+        is_refused,
+        reason,
+    ))
 }
 
 fn modified(path: &Path) -> std::io::Result<std::time::SystemTime> {

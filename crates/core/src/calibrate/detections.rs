@@ -133,14 +133,14 @@ pub fn detect_boards(
     Ok(detections)
 }
 
-/// A camera as the fit takes it, whose pictures are as large as its first.
+/// A camera as the fit takes it, whose pictures are as large as most of them are.
 fn subject(
     id: &CameraId,
     found: &[Detection],
     lenses: [Option<&RigCalibration>; 2],
 ) -> Result<SessionCamera, Error> {
-    let first = found.iter().find(|l| l.shot.camera == *id);
-    let size = first.map_or([1, 1], |l| l.size);
+    let own = found.iter().filter(|l| l.shot.camera == *id);
+    let size = usual(own.map(|l| l.size)).unwrap_or([1, 1]);
     let [known, start] = lenses.map(|lenses| lens_of(lenses?, id, size).transpose());
     Ok(SessionCamera {
         id: id.clone(),
@@ -148,6 +148,20 @@ fn subject(
         known: known.transpose()?,
         start: start.transpose()?,
     })
+}
+
+/// The size that most pictures have; of two that equally many have, the one that comes first.
+fn usual(sizes: impl Iterator<Item = [usize; 2]>) -> Option<[usize; 2]> {
+    let mut counts: Vec<([usize; 2], usize)> = Vec::new();
+    for size in sizes {
+        match counts.iter_mut().find(|(known, _)| *known == size) {
+            Some((_, count)) => *count += 1,
+            None => counts.push((size, 1)),
+        }
+    }
+    let most = counts.iter().map(|(_, count)| *count).max()?;
+    let usual = counts.into_iter().find(|(_, count)| *count == most);
+    usual.map(|(size, _)| size)
 }
 
 /// The lens that a calibration has for a camera whose pictures have this size.
@@ -293,7 +307,7 @@ impl Detections {
         let expected = self.session.cameras[camera].size;
         if detection.size != expected {
             self.lost.push(format!(
-                "camera {}: its picture of {} has {}x{} pixels, its first one {}x{}; it is left out",
+                "camera {}: its picture of {} has {}x{} pixels, most of them have {}x{}; it is left out",
                 detection.shot.camera, detection.placement, detection.size[0], detection.size[1], expected[0], expected[1]
             ));
             return;
@@ -399,6 +413,14 @@ mod tests {
     use crate::calibration::fit::{Corner, Parameters, Rejection, diagnose, fit};
     use crate::calibration::{Camera, Distortion, Face};
     use nalgebra::{Isometry3, Vector2, Vector3};
+
+    #[test]
+    fn a_camera_has_the_size_that_most_of_its_pictures_have() {
+        let (large, small) = ([640, 480], [320, 240]);
+        assert_eq!(usual([small, large, large].into_iter()), Some(large));
+        assert_eq!(usual([small, large].into_iter()), Some(small));
+        assert_eq!(usual(std::iter::empty()), None);
+    }
 
     /// A camera that saw the board at each of p0 to p5 but p3.
     fn detections() -> Detections {

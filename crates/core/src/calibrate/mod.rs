@@ -17,8 +17,9 @@ pub use error::{Error, Rejected};
 pub use import::{import, load, of_recording};
 
 use crate::calibration::fit::{
-    self, CoverageLimits, Finding, Fit, FittedCamera, Judgement, Limits, MeasuredLengths,
-    ScaleWitnessLimits, WitnessReading, diagnose, judge, missing, refer_to_findings, witnesses,
+    self, CameraDistance, CoverageLimits, Finding, Fit, FittedCamera, Judgement, Limits,
+    MeasuredLengths, ScaleWitnessLimits, WitnessReading, diagnose, judge, missing,
+    refer_to_findings, witnesses,
 };
 use crate::calibration::{CalibrationVerdict, DepthResponse, RigCalibration};
 use crate::capture::Placements;
@@ -91,7 +92,7 @@ pub fn run(
     check_measured(&detections, &options.measured)?;
     detections.reject_views_with_few_corners(options.fit.fewest_corners());
     let fitted = two_pass_fit::fit_in_two_passes(&mut detections, recordings, &options.fit)?;
-    let missing = missing(
+    let mut missing = missing(
         &detections.session,
         fitted.as_ref().ok(),
         &detections.depth_cameras,
@@ -110,6 +111,7 @@ pub fn run(
             return Err(Error::unfitted(cause, findings, missing, rejected, views));
         }
     };
+    missing.extend(uncompared(&fit.cameras, &options.measured));
     let depth = depth::fit_responses(options.depth, recordings, &fit, &detections.depth_cameras);
     let findings = diagnose(
         &detections.session,
@@ -150,6 +152,23 @@ fn check_measured(detections: &Detections, measured: &MeasuredLengths) -> Result
     }
 }
 
+/// The measured distances that say nothing of the scale, because one of their cameras is not calibrated.
+fn uncompared(fitted: &[FittedCamera], measured: &MeasuredLengths) -> Vec<String> {
+    let is_fitted = |id: &CameraId| fitted.iter().any(|c| c.camera.id == *id);
+    let of_distance = |distance: &CameraDistance| {
+        let [a, b] = &distance.cameras;
+        let (unfitted, other) = match (is_fitted(a), is_fitted(b)) {
+            (true, true) => return None,
+            (false, _) => (a, b),
+            (true, false) => (b, a),
+        };
+        Some(format!(
+            "camera {unfitted}: it is not calibrated, so its measured distance from camera {other} says nothing of the scale"
+        ))
+    };
+    measured.distances.iter().filter_map(of_distance).collect()
+}
+
 /// The fit as a calibration file holds it.
 fn calibration(
     fit: &Fit,
@@ -170,5 +189,29 @@ fn calibration(
             reasons: judgement.reasons.iter().map(|r| r.words.clone()).collect(),
         }),
         cameras: fit.cameras.iter().map(entry).collect(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::calibration::fit::Length;
+
+    #[test]
+    fn a_distance_of_a_camera_that_is_not_calibrated_is_told() {
+        let [a, b] = ["left", "right"].map(|id| CameraId::new(id).unwrap());
+        let measured = MeasuredLengths {
+            rulers: Vec::new(),
+            distances: vec![CameraDistance {
+                cameras: [a, b],
+                measured: Length {
+                    metres: 1.2,
+                    deviation: 0.015,
+                },
+            }],
+        };
+        let told = "camera left: it is not calibrated, so its measured distance from camera right says nothing of the scale";
+        assert_eq!(uncompared(&[], &measured), [told]);
+        assert!(uncompared(&[], &MeasuredLengths::default()).is_empty());
     }
 }

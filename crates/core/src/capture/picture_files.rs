@@ -124,11 +124,14 @@ fn names(numbers: &[Option<String>]) -> Vec<String> {
     numbers.iter().enumerate().map(name).collect()
 }
 
-/// The number that all of these files have.
+/// The number that all of these files have, as the first one's name writes it: 1 and 01 are one number.
 fn common_number(files: &[&Path]) -> Option<String> {
     let numbers: Vec<_> = files.iter().map(|file| number(&file_name(file))).collect();
     let first = numbers.first().cloned().flatten()?;
-    let is_common = numbers.iter().all(|other| other.as_deref() == Some(&first));
+    let value = |number: &str| number.trim_start_matches('0').to_owned();
+    let is_common = numbers
+        .iter()
+        .all(|other| other.as_deref().map(value) == Some(value(&first)));
     (is_common && first.len() <= 32).then_some(first)
 }
 
@@ -177,6 +180,10 @@ mod tests {
         let unnumbered = files(&[("a", &["one.png", "two.png"])]).unwrap();
         assert_eq!(unnumbered.placements(), ["p01", "p02"]);
         assert!(unnumbered.warnings().is_empty());
+        // Zeros before a number change nothing.
+        let padded = files(&[("left", &["l9.png"]), ("right", &["r09.png"])]).unwrap();
+        assert_eq!(padded.placements(), ["p9"]);
+        assert!(padded.warnings().is_empty());
         // The same number twice names nothing.
         let twice = files(&[("a", &["x/1.png", "y/1.png"])]).unwrap();
         assert_eq!(twice.placements(), ["p01", "p02"]);

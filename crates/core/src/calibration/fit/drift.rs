@@ -96,6 +96,12 @@ pub enum CheckError {
         moved: usize,
         names: String,
     },
+    /// Two cameras are at each other's place.
+    #[error(
+        "cameras {first} and {second} are exchanged: each shows what the calibration expects of the other, and no camera \
+         moved. Check their cables and names; if they are to stay as they are, calibrate the rig again"
+    )]
+    Exchanged { first: CameraId, second: CameraId },
 }
 
 fn other_board(larger: f64, board: &str) -> String {
@@ -140,7 +146,7 @@ pub struct PairMotion {
 /// how far a board may be bent.
 ///
 /// # Errors
-/// If the board has another size than stated, or half of three or more cameras disagree.
+/// If the board has another size than stated, two cameras are exchanged, or half of three or more cameras disagree.
 pub fn check(
     session: &Session,
     known: &RigCalibration,
@@ -157,6 +163,9 @@ pub fn check(
         parameters,
         seen,
     };
+    if let Some([first, second]) = watched.exchanged(&bundle, watch.moved_px) {
+        return Err(CheckError::Exchanged { first, second });
+    }
     let (movers, against_each_other) = match watched.seen.as_slice() {
         [] => (Vec::new(), None),
         [first, second] => (
@@ -196,6 +205,9 @@ pub fn check(
 /// Least root mean square in pixels by which two cameras must contradict each other to count as moved.
 const LEAST_OFF: f64 = 0.2;
 
+/// Most cameras of which each two are tried as exchanged.
+const MOST_EXCHANGED: usize = 6;
+
 /// The cameras that saw the board at a place where another one saw it, and those that saw it only where no other did.
 fn compared(bundle: &Bundle) -> (Vec<usize>, Vec<usize>) {
     let sees = |c: usize| bundle.views.iter().any(|v| v.camera == c);
@@ -222,6 +234,41 @@ struct Watched<'a> {
 }
 
 impl Watched<'_> {
+    /// Two of the cameras that are farthest off, if no camera is off by more than `most_px` once each of the two has
+    /// the views of the other.
+    fn exchanged(&self, bundle: &Bundle, most_px: f64) -> Option<[CameraId; 2]> {
+        let all = self.seen.iter().map(|&c| (off_px(bundle, c), c));
+        let mut off: Vec<(f64, usize)> = all.filter(|(off, _)| *off > most_px).collect();
+        off.sort_by(|a, b| b.0.total_cmp(&a.0).then(a.1.cmp(&b.1)));
+        let mut worst: Vec<usize> = off.into_iter().map(|(_, camera)| camera).collect();
+        worst.truncate(MOST_EXCHANGED);
+        worst.sort_unstable();
+        let pairs = worst.iter().enumerate().flat_map(|(k, &first)| {
+            let others = worst[k + 1..].iter();
+            others.map(move |&second| [first, second])
+        });
+        let mut explaining = pairs.filter(|pair| self.agree_exchanged(*pair, most_px));
+        let found = explaining.next()?;
+        Some(found.map(|camera| self.cameras[camera].id.clone()))
+    }
+
+    /// Whether all cameras agree with the calibration once two of them have each other's views.
+    fn agree_exchanged(&self, [first, second]: [usize; 2], most_px: f64) -> bool {
+        let mut session = self.session.clone();
+        for view in &mut session.views {
+            view.camera = match view.camera {
+                camera if camera == first => second,
+                camera if camera == second => first,
+                camera => camera,
+            };
+        }
+        let count = session.views.len();
+        let mut bundle = start(session, self.cameras, self.parameters);
+        bundle.adjust_robustly(4);
+        let mut seen = self.seen.iter();
+        bundle.views.len() == count && seen.all(|&c| off_px(&bundle, c) <= most_px)
+    }
+
     /// The cameras that moved, freed in `bundle`: the worst one after the other, until the others agree.
     fn movers(&self, bundle: &mut Bundle, watch: &DriftLimits) -> Result<Vec<usize>, CheckError> {
         let mut movers: Vec<usize> = Vec::new();

@@ -37,6 +37,7 @@ mod template;
 mod template_refine;
 mod verdict;
 mod verdict_of_contradictions;
+mod verdict_of_joints;
 mod verdict_of_lens;
 mod verdict_of_shape;
 mod volume;

@@ -58,6 +58,8 @@ pub enum ReasonKind {
     Coverage,
     /// There are few placements.
     FewPlacements,
+    /// Cameras are joined to the others by one placement only.
+    SingleJoint,
     /// A camera's focal length is known poorly.
     FocalLength,
     /// Placements that were held out are predicted poorly.

@@ -118,6 +118,33 @@ fn a_board_of_another_size_is_told_from_cameras_that_moved() {
 }
 
 #[test]
+fn two_cameras_that_are_exchanged_are_told_from_cameras_that_moved() {
+    for (cameras, shown, [a, b]) in [
+        (2, 1, [0, 1]),
+        (2, 4, [0, 1]),
+        (4, 1, [1, 2]),
+        (6, 3, [0, 4]),
+    ] {
+        let truth = rig(cameras, shown);
+        let known = calibration(&truth);
+        let mut session = truth.session(0.1, &mut Random(3));
+        for view in &mut session.views {
+            view.camera = match view.camera {
+                c if c == a => b,
+                c if c == b => a,
+                c => c,
+            };
+        }
+        let (limits, parameters) = (DriftLimits::default(), Parameters::default());
+        let words = check(&session, &known, &limits, &parameters)
+            .unwrap_err()
+            .to_string();
+        let told = format!("cameras c{a:02} and c{b:02} are exchanged: ");
+        assert!(words.starts_with(&told), "{words}");
+    }
+}
+
+#[test]
 fn a_camera_that_nobody_shared_a_placement_with_is_not_said_to_have_stayed() {
     let truth = rig(3, 2);
     let known = calibration(&truth);

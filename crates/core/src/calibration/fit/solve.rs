@@ -20,7 +20,7 @@ use super::sheet_terms::{CrossValidation, settled};
 use super::single_camera::{self, SingleCamera};
 use super::volume::proposed;
 use super::{Error, Parameters};
-use crate::calibration::{Camera, Face};
+use crate::calibration::{Board, BoardKind, Camera, Face};
 use crate::words;
 use nalgebra::{DMatrix, Isometry3, Matrix3, Point3, SMatrix, Vector3};
 use rayon::prelude::*;
@@ -68,7 +68,7 @@ fn usable(
             continue;
         }
         let reason = match found {
-            0 => "it has no usable view of the board".to_owned(),
+            0 => no_view(&session.board),
             _ => format!(
                 "it has {} of the board that can be used, expected at least {needed}",
                 words::count(found, "view")
@@ -101,6 +101,17 @@ fn usable(
         placements: session.placements.clone(),
         views: views.iter().filter_map(renumbered).collect(),
     })
+}
+
+/// Why a camera without a view of the board is left out, and what may have caused it.
+fn no_view(board: &Board) -> String {
+    let words = "it has no usable view of the board";
+    match board.kind {
+        BoardKind::Checkerboard => words.to_owned(),
+        BoardKind::Charuco(_) => {
+            format!("{words}; mirrored pictures do this too, as markers cannot be read in them")
+        }
+    }
 }
 
 /// A session and its bundle; views of both are the same in the same order.

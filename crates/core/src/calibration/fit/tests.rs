@@ -290,6 +290,18 @@ fn a_camera_that_saw_nothing_is_named_and_the_others_fitted() {
 }
 
 #[test]
+fn a_camera_that_read_no_markers_may_have_mirrored_pictures() {
+    let board = Board::charuco(9, 6, 0.025, false).unwrap();
+    let mut truth = truth(board, 16, 1);
+    truth.cameras.truncate(3);
+    let fit = fitted(&truth, |session| session.views.retain(|v| v.camera != 1)).unwrap();
+    let judgement = judge(&fit, &[], &BTreeMap::new(), &Limits::default());
+    let mut reasons = judgement.reasons.iter();
+    let is_told = |r: &Reason| r.words.contains("c01") && r.words.contains("mirrored");
+    assert!(reasons.any(is_told), "{:?}", judgement.reasons);
+}
+
+#[test]
 fn a_depth_camera_without_a_response_or_with_a_bias_is_named() {
     let fit = fitted(&truth(checkerboard(), 20, 1), |_| {}).unwrap();
     let judged = |found: Result<[f64; 2], String>| {

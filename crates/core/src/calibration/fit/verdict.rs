@@ -4,6 +4,7 @@ use super::diagnosis::Finding;
 use super::reason::{Reason, ReasonKind};
 use super::result::{Fit, FittedCamera, FittedPlacement, LeftOutShare};
 use super::verdict_of_contradictions::contradictions;
+use super::verdict_of_joints::single_joints;
 use super::verdict_of_lens::beyond_model;
 use super::verdict_of_shape::of_shape;
 use crate::calibration::{CalibrationLevel, Camera};
@@ -221,6 +222,7 @@ pub fn judge(
     }
     found.extend(of_held_out(fit, limits));
     found.extend(of_shape(&fit.shape, limits.bend_mm, limits.stretch_percent));
+    found.extend(single_joints(fit));
     found.extend(too_little(fit, limits));
     found.extend(uncalibrated(fit));
     found.extend(

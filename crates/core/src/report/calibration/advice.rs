@@ -28,6 +28,9 @@ pub(super) fn advice(kind: ReasonKind) -> &'static str {
         ReasonKind::FewViews => "Show it the board more often, in different tilts.",
         ReasonKind::Coverage => "Hold the board into the corners of its picture too.",
         ReasonKind::FewPlacements => "Show the board in more places and tilts, twelve or so.",
+        ReasonKind::SingleJoint => {
+            "Show the board at four places or more where it and one of the other cameras see it at once."
+        }
         ReasonKind::FocalLength => {
             "Show it the board more often, tilted by 30° and more to all sides, and into its picture's corners."
         }

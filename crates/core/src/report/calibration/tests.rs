@@ -142,11 +142,13 @@ fn what_no_session_like_this_can_show_is_said() {
     let zoomed = "zoomed by 1 % between two pictures fits a lens in between";
     assert!(!page_of(&fit).contains(zoomed));
     fit.board = Board::charuco(9, 6, 0.025, false).unwrap();
-    assert!(!page_of(&fit).contains("cannot show"));
+    let named = "compare the names in the drawing of the rig below";
+    assert!(page_of(&fit).contains(named) && !page_of(&fit).contains("mirrored"));
     fit.cameras.truncate(1);
     fit.links.clear();
     fit.residuals.retain(|view| view.camera == 0);
     assert!(page_of(&fit).contains(zoomed) && !page_of(&fit).contains("mirrored"));
+    assert!(!page_of(&fit).contains(named));
 }
 
 #[test]

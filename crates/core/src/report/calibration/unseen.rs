@@ -23,7 +23,11 @@ fn faults(fit: &Fit) -> Vec<&'static str> {
         "A camera by itself that was zoomed by 1 % between two pictures fits a lens in between, and one that was moved fits \
          anyway: fix the camera, and do not touch its lens.",
     );
-    mirrored.into_iter().chain(zoomed).collect()
+    let named = (!by_itself).then_some(
+        "If two cameras were exchanged before the first placement, each has the other's name throughout: compare the names in \
+         the drawing of the rig below with yours.",
+    );
+    mirrored.into_iter().chain(zoomed).chain(named).collect()
 }
 
 /// What has to be checked by hand.

@@ -1,10 +1,10 @@
 //! Tests whether cameras are, after a change, where other cameras were before it. Then the cables or names of two
-//! cameras, or of several in a ring, were exchanged. An exchange is found only if the session has no fault once it is
-//! undone.
+//! cameras, or of several in a ring, were exchanged, for good or until they were put back. An exchange is found only if
+//! the session has no fault once it is undone.
 
 use super::super::outliers::LEAST_USUAL;
 use super::super::result::Fit;
-use super::super::session::Session;
+use super::super::session::{Session, View};
 use super::super::{Parameters, solve};
 use super::split::{Split, is_near};
 use super::suspects::{Reference, quick};
@@ -15,6 +15,8 @@ pub(super) struct Exchange {
     pub shows: Vec<[usize; 2]>,
     /// Index of one of their splits.
     pub split: usize,
+    /// Index of that camera's split after which all of them are as before, if there is one.
+    pub back: Option<usize>,
 }
 
 impl Exchange {
@@ -49,7 +51,9 @@ fn is_confirmed(
     splits: &[Split],
     parameters: &Parameters,
 ) -> bool {
-    let undone = undone(reference.session, found, splits[found.split].first_late);
+    let from = splits[found.split].first_late;
+    let until = found.back.map(|back| splits[back].first_late);
+    let undone = undone(reference.session, found, from, until);
     let Ok(fit) = solve::fit(&undone, &quick(parameters)) else {
         return false;
     };
@@ -68,10 +72,13 @@ fn is_sound(fit: &Fit, reference: &Reference, camera: usize, usual: f64) -> bool
     })
 }
 
-/// The session with the views from a placement on under the names of the cameras that they are of.
-fn undone(session: &Session, found: &Exchange, from: usize) -> Session {
+/// The session with the views from a placement on, or those before `until`, under the names of the cameras that they
+/// are of.
+fn undone(session: &Session, found: &Exchange, from: usize, until: Option<usize>) -> Session {
     let mut undone = session.clone();
-    for view in undone.views.iter_mut().filter(|v| v.placement >= from) {
+    let is_exchanged =
+        |v: &&mut View| v.placement >= from && until.is_none_or(|until| v.placement < until);
+    for view in undone.views.iter_mut().filter(is_exchanged) {
         let shows = found.shows.iter().find(|[own, _]| *own == view.camera);
         view.camera = shows.map_or(view.camera, |[_, as_before]| *as_before);
     }
@@ -83,13 +90,12 @@ fn ring(splits: &[Split], first: usize) -> Option<Exchange> {
     let mut members = vec![first];
     loop {
         let split = &splits[*members.last()?];
-        let takes_place_of = |other: &&Split| {
+        let takes_place_of = |other: &Split| {
             other.camera != split.camera
                 && split.overlaps(other)
                 && is_near(split.late(), other.early(), split.distance())
         };
-        let next = splits.iter().find(takes_place_of)?;
-        let next = splits.iter().position(|s| s.camera == next.camera)?;
+        let next = splits.iter().position(takes_place_of)?;
         if next == first {
             break;
         }
@@ -104,7 +110,26 @@ fn ring(splits: &[Split], first: usize) -> Option<Exchange> {
             .map(|k| [camera(k), camera(k + 1)])
             .collect(),
         split: first,
+        back: put_back(splits, &members).and_then(|back| back.first().copied()),
     })
+}
+
+/// The splits, one of the camera of each of these, after which all cameras are where they were before them; `None` if
+/// they are not all put back at once.
+fn put_back(splits: &[Split], members: &[usize]) -> Option<Vec<usize>> {
+    let undoing = |&member: &usize| {
+        let out = &splits[member];
+        let undoes = |s: &Split| {
+            s.camera == out.camera
+                && s.first_late > out.first_late
+                && is_near(s.late(), out.early(), out.distance())
+        };
+        splits.iter().position(undoes)
+    };
+    let back: Vec<usize> = members.iter().map(undoing).collect::<Option<_>>()?;
+    let first = &splits[*back.first()?];
+    let is_at_once = back.iter().all(|&k| splits[k].overlaps(first));
+    is_at_once.then_some(back)
 }
 
 /// Where the reference is a single camera, it may take part: then all others seem to move.
@@ -113,27 +138,33 @@ fn with_reference(reference: &Reference, splits: &[Split]) -> Option<Exchange> {
         return None;
     };
     let first = splits.first()?;
-    if splits.len() + 1 > MOST_CAMERAS || !splits.iter().all(|s| s.overlaps(first)) {
+    let members: Vec<usize> = (0..splits.len())
+        .filter(|&k| splits[k].overlaps(first))
+        .collect();
+    let back = put_back(splits, &members);
+    let explained = members.len() + back.as_ref().map_or(0, Vec::len);
+    if members.len() + 1 > MOST_CAMERAS || explained != splits.len() {
         return None;
     }
+    let changes: Vec<&Split> = members.iter().map(|&k| &splits[k]).collect();
     // From each camera to the rig before the change: the reference, then the others.
     let rig_from_held = reference.fit.cameras.first()?.camera.rig_from_camera;
     let mut early = vec![rig_from_held];
-    early.extend(splits.iter().map(|s| s.early().inverse()));
+    early.extend(changes.iter().map(|s| s.early().inverse()));
     // The rig is where the reference's pictures put it.
     let fits = |order: &[usize]| {
-        let moved = |(k, split): (usize, &Split)| {
+        let moved = |(k, split): (usize, &&Split)| {
             let seen = rig_from_held * early[order[0]].inverse() * early[order[k + 1]];
             is_near(&seen.inverse(), split.late(), split.distance())
         };
-        order[0] != 0 && splits.iter().enumerate().all(moved)
+        order[0] != 0 && changes.iter().enumerate().all(moved)
     };
     let order = permutations(early.len())
         .into_iter()
         .find(|order| fits(order))?;
     let camera = |k: usize| match k {
         0 => *held,
-        k => splits[k - 1].camera,
+        k => changes[k - 1].camera,
     };
     let shows = order.iter().enumerate().filter(|(k, place)| k != *place);
     Some(Exchange {
@@ -141,6 +172,7 @@ fn with_reference(reference: &Reference, splits: &[Split]) -> Option<Exchange> {
             .map(|(k, &place)| [camera(k), camera(place)])
             .collect(),
         split: 0,
+        back: back.and_then(|back| back.first().copied()),
     })
 }
 

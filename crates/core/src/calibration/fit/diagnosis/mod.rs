@@ -204,12 +204,18 @@ fn exchanged(reference: &Reference, found: &Exchange, splits: &[Split]) -> Findi
             format!(" ({})", shows.collect::<Vec<_>>().join(", "))
         }
     };
-    let split = &splits[found.split];
-    let from = &reference.session.placements[split.first_late];
+    let name = |placement: usize| &reference.session.placements[placement];
+    let from = name(splits[found.split].first_late);
+    let when = match found.back {
+        None => format!("from {from} on"),
+        Some(back) => format!("from {from} to {}", name(splits[back].last_early)),
+    };
+    let last_change = &splits[found.back.unwrap_or(found.split)];
     let words = format!(
-        "cameras {} and {last} are exchanged from {from} on{ring}: check their cables and names; {}",
+        "cameras {} and {last} are exchanged {when}{ring}: check their cables and names (the pictures do not show which \
+         order is right); {}",
         others.join(", "),
-        split.advice(reference)
+        last_change.advice(reference)
     );
     Finding { cameras, words }
 }

@@ -263,6 +263,48 @@ fn a_camera_that_shows_the_board_elsewhere_in_its_last_view_alone_may_have_moved
     assert!(told(&between).0.is_empty());
 }
 
+/// A session in which cameras come as others from a placement of these on and, where there is a second one, until
+/// before that. They are counted among the placements at which all exchanged cameras see the board, and the session
+/// has no others; with their names.
+fn exchanged(truth: &Truth, order: &[usize], counted: &[usize]) -> (Session, Vec<String>) {
+    let mut session = truth.session(0.1, &mut Random(7));
+    let takes_part = |camera: usize| order[camera] != camera;
+    let taking_part = (0..order.len()).filter(|&c| takes_part(c)).count();
+    let seen = |placement: &usize| {
+        let views = session.views.iter().filter(|v| v.placement == *placement);
+        views.filter(|v| takes_part(v.camera)).count() == taking_part
+    };
+    let shared: Vec<usize> = (0..session.placements.len()).filter(seen).collect();
+    let from = shared[counted[0]];
+    let until = counted.get(1).map_or(usize::MAX, |&k| shared[k]);
+    session.views.retain(|v| shared.contains(&v.placement));
+    for view in &mut session.views {
+        if (from..until).contains(&view.placement) {
+            view.camera = order[view.camera];
+        }
+    }
+    let names = counted.iter().flat_map(|&k| [k.saturating_sub(1), k]);
+    let names = names.map(|k| session.placements[shared[k]].clone());
+    let names = names.collect();
+    (session, names)
+}
+
+#[test]
+fn a_camera_that_is_mounted_upside_down_or_on_its_side_is_not_doubted() {
+    for degrees in [90.0_f64, 180.0] {
+        let mut truth = rig(4, 1);
+        let before = truth.cameras[2].clone();
+        let turn = Isometry3::rotation(Vector3::z() * degrees.to_radians());
+        let pose = before.rig_from_camera * turn;
+        truth.cameras[2] = Camera::new(before.id, before.intrinsics, pose);
+        let (findings, level) = told(&truth.session(0.1, &mut Random(7)));
+        assert!(
+            findings.is_empty() && level < CalibrationLevel::Doubtful,
+            "{degrees}: {findings:?}"
+        );
+    }
+}
+
 /// The session with a camera's view of a placement taken at another one.
 fn at_another_moment(mut session: Session, camera: usize, placement: usize, of: usize) -> Session {
     let is_of = |v: &View, at: usize| (v.camera, v.placement) == (camera, at);
@@ -424,6 +466,19 @@ fn cameras_that_are_all_mirrored_are_a_consistent_rig() {
 }
 
 #[test]
+fn cameras_that_were_exchanged_before_the_session_are_a_consistent_rig() {
+    let mut session = rig(4, 1).session(0.1, &mut Random(7));
+    for view in &mut session.views {
+        view.camera = [0, 2, 1, 3][view.camera];
+    }
+    let (findings, level) = told(&session);
+    assert!(
+        findings.is_empty() && level < CalibrationLevel::Doubtful,
+        "{findings:?}"
+    );
+}
+
+#[test]
 fn a_camera_that_is_pushed_aside_is_told_with_how_far() {
     let truth = rig(4, 1);
     let mut session = truth.session(0.1, &mut Random(7));
@@ -522,6 +577,35 @@ mod long {
                 view.camera = [0, 2, 1, 3][view.camera];
             }
             is_told(&session, &["cameras c01 and c02 are exchanged from p12 on"]);
+        }
+    }
+
+    #[test]
+    fn cameras_that_are_exchanged_early_are_named_without_saying_which_order_is_right() {
+        for (cameras, order) in [(2, &[1, 0][..]), (4, &[0, 2, 1, 3])] {
+            let truth = rig(cameras, 1);
+            let (mut session, names) = exchanged(&truth, order, &[5]);
+            // Exchanged before, instead of from there on.
+            for view in &mut session.views {
+                view.camera = order[view.camera];
+            }
+            let from = format!("are exchanged from {} on: ", names[1]);
+            let since = format!("since {}", names[1]);
+            let words = [&from as &str, "do not show which order is right", &since];
+            is_told(&session, &words);
+        }
+    }
+
+    #[test]
+    fn cameras_that_are_exchanged_and_put_back_are_named_with_the_placements_between() {
+        for (cameras, order, names) in [
+            (2, &[1, 0][..], "cameras c00 and c01"),
+            (4, &[0, 2, 1, 3], "cameras c01 and c02"),
+        ] {
+            let (session, placements) = exchanged(&rig(cameras, 1), order, &[6, 11]);
+            let (first, last) = (&placements[1], &placements[2]);
+            let told = format!("{names} are exchanged from {first} to {last}: ");
+            is_told(&session, &[&told as &str, "which order is right"]);
         }
     }
 
