@@ -89,22 +89,6 @@ pub(super) fn trial() -> Vec<String> {
     wrong
 }
 
-/// Tests of more than ten seconds: `make check` leaves them to `make test`.
-mod long {
-    use super::*;
-
-    #[test]
-    fn a_chip_in_an_edge_that_both_captures_show_is_no_model() {
-        let fused = fuse(with(
-            TABLE[4],
-            session(Shape::Mug, false, 1280, "upright,turn:75", 5),
-        ));
-        assert!(!is_fused(&fused), "{}", fused.words);
-        assert_eq!(fused.code, Some(1), "{}", fused.words);
-        assert!(fused.words.contains("mug-001: "), "{}", fused.words);
-    }
-}
-
 /// The same prop as in the table, but the recording says where it is.
 #[test]
 fn a_prop_that_is_ignored_does_not_hinder() {
@@ -128,5 +112,21 @@ fn another_object_and_a_capture_that_contradicts_itself_are_not_fused() {
         assert!(!is_fused(&fused), "{kind:?}: {}", fused.words);
         assert_eq!(fused.code, Some(1), "{kind:?}: {}", fused.words);
         assert!(fused.words.contains("mug-001"), "{kind:?}: {}", fused.words);
+    }
+}
+
+/// Tests of more than ten seconds: `make check` leaves them to `make test`.
+mod long {
+    use super::*;
+
+    #[test]
+    fn a_chip_in_an_edge_that_both_captures_show_is_no_model() {
+        let fused = fuse(with(
+            TABLE[4],
+            session(Shape::Mug, false, 1280, "upright,turn:75", 5),
+        ));
+        assert!(!is_fused(&fused), "{}", fused.words);
+        assert_eq!(fused.code, Some(1), "{}", fused.words);
+        assert!(fused.words.contains("mug-001: "), "{}", fused.words);
     }
 }
