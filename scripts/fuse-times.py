@@ -3,8 +3,10 @@
 `registered` to `fused`, and by how much that delays the `done` of the capture. The rig is simulated, on this machine:
 eleven colour cameras and a depth camera show an object in four poses. Each round presses once for each pose and waits
 until all that the press began is over; in half of the rounds the presses name a subject, in the others they do not, and
-the two take turns. Ends with 1 if, by the median, `registered` is later than 10 s with two captures or 15 s with four,
-or `done` is delayed by more than 5 s. No root: it runs in a network namespace of its own.
+the two take turns. Then it fuses the four captures by hand, and measures time and memory of that process. Ends with 1 if,
+by the median, `registered` is later than 10 s with two captures or 15 s with four, or `done` is delayed by more than
+5 s, or if by hand poses take more than 12 s, all takes more than 25 s or memory is more than 1.5 GB. No root: it runs
+in a network namespace of its own.
 
     scripts/fuse-times.py [--rounds 5] [--size 1280x960] [--shape cup] [--scand target/release/scand]
 
@@ -31,6 +33,9 @@ POSES = ["upright", "flip", "side:35", "turn:90"]
 # Seconds: from `durable` to `registered`, by the number of captures, and by how much `done` may be later.
 MOST_REGISTERED = {2: 10, 4: 15}
 MOST_DELAY = 5
+# By hand, four captures of 1.2 megapixels on two cores: seconds for poses and for all, and bytes.
+MOST_POSES, MOST_ALL, MOST_BYTES = 12, 25, 1.5e9
+SUBJECT = "17"
 # Seconds after which something that was waited for does not come any more.
 PATIENCE = 300
 
@@ -102,7 +107,7 @@ class Rig:
         shutil.copy(ROOT / "config/loopback.toml", self.home / "rig.toml")
         poses = ["--poses", ",".join(POSES), "--calibration-px", "0.15"]
         shape = ["--shape", self.options.shape, "--textured", "--size", self.options.size, "--encoding", "bayer"]
-        self.command("simulate", *shape, *poses, "--out", "served.mcap")
+        self.command("simulate", *shape, *poses, "--subject", SUBJECT, "--out", "served.mcap")
         self.command("info", "served.mcap", "--calibration", "calibration.toml")
         served = ["served.mcap", "--empty", "--sensor-frames", "frames"]
         self.start("cameras", "simulate", "--serve", *served, said=["serving"])
@@ -166,6 +171,21 @@ class Rig:
             found[pose + 1] = times
         return found
 
+    def by_hand(self):
+        """Seconds for poses and for all, and bytes of memory at most, of fusing what the cameras show."""
+        began = time.monotonic()
+        with open(self.home / "fuse.log", "wb") as log:
+            fuse = [self.scand, "fuse", "served.mcap", "--subject", SUBJECT, "--out", "by-hand", "--quiet"]
+            process = subprocess.Popen(fuse, cwd=self.home, stdout=log, stderr=log)
+            _, status, used = os.wait4(process.pid, 0)
+        took = time.monotonic() - began
+        process.returncode = os.waitstatus_to_exitcode(status)
+        if process.returncode != 0:
+            sys.exit(f"fuse-times: scand fuse ended with {process.returncode}: {(self.home / 'fuse.log').read_text()}")
+        report = json.loads((self.home / f"by-hand/served/{SUBJECT}.object/report.json").read_text())
+        stages = {stage["stage"]: stage["seconds"] for stage in report["timing"]["stages"]}
+        return stages["registration"], took, 1024 * used.ru_maxrss
+
     def end(self):
         for name in ["daemon", "cameras"]:
             if process := self.running.pop(name, None):
@@ -202,6 +222,7 @@ def main():
             # Each kind comes first as often as the other.
             for has_subject in [False, True] if turn % 2 else [True, False]:
                 (together if has_subject else alone).append(rig.round(2 * turn + has_subject, has_subject))
+        poses, whole, memory = rig.by_hand()
     finally:
         rig.end()
     late = []
@@ -218,6 +239,9 @@ def main():
             late.append(f"{count} captures are registered late")
         if delay > MOST_DELAY:
             late.append(f"registering {count} captures delays a capture's model")
+    print(f"by hand, {len(POSES)} captures: {whole:.1f} s, of them {poses:.1f} s for poses, {memory / 1e9:.2f} GB at most")
+    if poses > MOST_POSES or whole > MOST_ALL or memory > MOST_BYTES:
+        late.append("fusing by hand takes more than it may")
     if late:
         sys.exit(f"fuse-times: {', '.join(late)}")
 
