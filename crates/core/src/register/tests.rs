@@ -475,7 +475,7 @@ fn rings_with_a_spot(p: Point3<f64>) -> f64 {
     }
 }
 
-/// Rings between stripes from end to end that fit again after half a turn.
+/// Rings, and stripes from end to end that fit again after a quarter of a turn.
 fn rings_and_stripes(p: Point3<f64>) -> f64 {
     0.5 + 0.25 * (430.0 * p.z).cos() + 0.2 * (4.0 * p.y.atan2(p.x)).cos()
 }
