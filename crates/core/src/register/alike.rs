@@ -1,5 +1,5 @@
-//! Finds colours that are the same at every turn, such as those of a pot with painted rings: they agree, but tell no turn
-//! from another.
+//! Finds colours that are the same at every turn, such as those of a pot with painted rings: they agree, but tell no
+//! turn from another.
 
 use super::limits;
 use std::ops::Range;
