@@ -6,7 +6,7 @@ RECORDING ?= recordings/cup.mcap
 # The test programs that differ with the features of the rig; `make check` runs the others.
 RIG_TESTS = $(addprefix --test ,digests fleet gige openni2 rig service workers)
 
-.PHONY: help demo rig-demo ui page-demo page-test page-bench fleet-test fleet-bench fleet-presses fleet-simulation fleet-demo deps check test calibration-trial calibration-against-opencv error-trial verdict-trial fusion-trial bench deb deb-test rig-vm torture interop kinect-driver
+.PHONY: help demo rig-demo ui page-demo page-test page-bench fleet-test fleet-bench fleet-presses fuse-times fleet-simulation fleet-demo deps check test calibration-trial calibration-against-opencv error-trial verdict-trial fusion-trial bench deb deb-test rig-vm torture interop kinect-driver
 
 help: ## list the targets
 	@sed -n 's/^\([a-z-]*\):.*## /\1\t/p' $(MAKEFILE_LIST) | expand -t 16
@@ -43,6 +43,10 @@ fleet-bench: ## processor time, bytes and wall time of 100 captures made here an
 fleet-presses: ## time from a press to the disk with the server there, away and slow (PRESSES=200; SCAND=PROGRAM needs no build)
 	$(if $(SCAND),,$(CARGO) build --release --locked --features aravis,fleet)
 	scripts/fleet-presses.py --presses $(or $(PRESSES),200) --scand $(or $(SCAND),target/release/scand)
+
+fuse-times: ## time until the daemon has registered and fused two and four captures of an object, and how much later models are (ROUNDS=5; SCAND=PROGRAM needs no build)
+	$(if $(SCAND),,$(CARGO) build --release --locked --features rig)
+	scripts/fuse-times.py --rounds $(or $(ROUNDS),5) --scand $(or $(SCAND),target/release/scand)
 
 fleet-simulation: ## how many jobs a second one server passes on, without making models
 	$(CARGO) test --locked --package scand --features fleet --test fleet -- simulation:: --ignored --nocapture

@@ -2,14 +2,18 @@
 //! that lies within a millimetre of the other, as an F-score over vertices and face centres.
 
 use nalgebra::Point3;
+use scand::calibration::{Camera, Intrinsics};
 use scand::description::Description;
+use scand::image::Grid;
 use scand::mesh::{self, Bvh, Mesh};
 use scand::output::{glb, ply};
 use scand::reconstruct::hull::Fairing;
 use scand::reconstruct::{
-    Method, NoProgress, Parameters, Provenance, Reconstruction, Scene, reconstruct, restore,
+    DepthFrame, DepthView, Method, NoProgress, Parameters, Provenance, Reconstruction, Scene,
+    reconstruct, restore,
 };
 use scand_lab::{Options, Shape, Simulation};
+use std::sync::Arc;
 
 fn simulation(shape: Shape, change: impl FnOnce(&mut Options)) -> Simulation {
     let mut options = Options {
@@ -252,6 +256,54 @@ mod long {
             with.1,
             without.1
         );
+    }
+
+    /// A depth view of half the width and height: every second pixel.
+    fn halved(view: &DepthView) -> DepthView {
+        let lens = &view.camera.camera.intrinsics;
+        let (width, height) = (lens.width / 2, lens.height / 2);
+        let (focal, center) = (lens.focal_px / 2.0, lens.center_px / 2.0);
+        let smaller = Intrinsics::new(width, height, focal, center, lens.distortion).unwrap();
+        let frame = |frame: &DepthFrame| DepthFrame {
+            readings: Grid::from_fn(width, height, |x, y| frame.readings[(2 * x, 2 * y)]),
+            color: Arc::new(Grid::from_fn(width, height, |x, y| {
+                frame.color[(2 * x, 2 * y)]
+            })),
+        };
+        let mut halved = DepthView {
+            camera: view.camera.clone(),
+            frames: view.frames.iter().map(frame).collect(),
+        };
+        let camera = &view.camera.camera;
+        halved.camera.camera = Camera::new(camera.id.clone(), smaller, camera.rig_from_camera);
+        halved
+    }
+
+    #[test]
+    fn sixty_six_colour_and_sixty_six_depth_views_spoil_nothing() {
+        let made = |cameras: usize, depth_cameras: usize| {
+            let simulated = simulation(Shape::Bowl, |o| {
+                (o.width, o.height) = (320, 240);
+                o.masks = true;
+                (o.cameras, o.depth_cameras) = (cameras, depth_cameras);
+                o.depth.frames = 2;
+            });
+            let mut scene = simulated.scene(0);
+            scene.depths = scene.depths.iter().map(halved).collect();
+            assert_eq!(
+                (scene.colors.len(), scene.depths.len()),
+                (cameras, depth_cameras)
+            );
+            let found = run(&scene, Method::Hybrid);
+            let report = mesh::check(&found.model.mesh);
+            assert_eq!((report.components, report.genus), (1, Some(0)));
+            let share = report.volume / mesh::check(simulated.truth()).volume;
+            (f_score(&found.model.mesh, simulated.truth()), share)
+        };
+        let (few, many) = (made(11, 1), made(66, 66));
+        println!("F at 1 mm and share of the volume: {few:?}, with 66 views of each kind {many:?}");
+        // The deepest error of so many would carve through the wall.
+        assert!(many.0 > few.0 - 0.02 && many.1 > 0.95, "{few:?} {many:?}");
     }
 
     #[test]

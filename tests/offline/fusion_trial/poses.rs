@@ -4,6 +4,7 @@ use super::score::{PoseError, error, pose};
 use super::{Fused, fuse, session};
 use scand::mesh::volume_and_total_area;
 use scand_lab::Shape;
+use serde_json::Value;
 
 /// A shape with or without a pattern.
 struct Object {
@@ -43,8 +44,13 @@ const OBJECTS: [Object; 10] = [
 /// How far a pose may move a model's form, in millimetres, in pictures of 1280 pixels.
 const FORM_LIMIT_MM: f64 = 0.25;
 
+/// Of the poses that can be held at most one in so many is refused or amber.
+const HELD_OF: u32 = 10;
+
 /// What is said of the second capture, and what is true.
 struct Said {
+    /// Whether the evidence was there to hold its pose.
+    can_be_held: bool,
     /// `green`, `amber`, or `refused`.
     level: &'static str,
     error: Option<PoseError>,
@@ -65,6 +71,17 @@ impl Said {
     }
 }
 
+/// Whether the silhouettes bear no second pose, or colours choose one by the margin, as far as the report of a capture
+/// tells. It lists the poses that are borne up to twice the own noise.
+fn can_be_held(capture: &Value) -> bool {
+    let is_undecided = capture["refused"] == "undecided" || capture["held_by"] == "nothing";
+    let has_rivals = capture["rivals"].as_array().is_some_and(|r| !r.is_empty());
+    let is_alone = !is_undecided && !has_rivals && capture["free_axis"].is_null();
+    let correlation = |name: &str| capture["colours"][name].as_f64().unwrap_or(0.0);
+    let (best, next) = (correlation("best"), correlation("next"));
+    is_alone || (best > 0.35 && best - next > 0.12)
+}
+
 fn said(fused: &Fused, has_pattern: bool) -> Said {
     let captures = fused.captures();
     let second = captures.get(1);
@@ -79,6 +96,7 @@ fn said(fused: &Fused, has_pattern: bool) -> Said {
     let simulation = &fused.simulation;
     let truth = simulation.rig_from_object(1);
     Said {
+        can_be_held: second.copied().is_some_and(can_be_held),
         level,
         ratio: second.map_or(f64::NAN, |c| {
             let own = captures.iter().filter_map(|c| c["own_noise_mm"].as_f64());
@@ -108,6 +126,9 @@ struct Sums {
     green: u32,
     amber: u32,
     refused: u32,
+    /// Poses that can be held, and those of them that are refused or amber.
+    can_be_held: u32,
+    not_held: u32,
     /// The largest form error of a model, in millimetres.
     worst_form_mm: f64,
     /// The largest disagreement of a right pose, over the own noise.
@@ -121,6 +142,8 @@ impl Sums {
             "amber" => self.amber += 1,
             _ => self.refused += 1,
         }
+        self.can_be_held += u32::from(said.can_be_held);
+        self.not_held += u32::from(said.can_be_held && said.level != "green");
         if let Some(error) = said.error.filter(|_| said.level != "refused") {
             self.worst_form_mm = self.worst_form_mm.max(error.form_mm);
             self.largest_right = self.largest_right.max(said.ratio);
@@ -152,6 +175,12 @@ pub(super) fn trial(count: u64) -> Vec<String> {
     }
     println!("shapes that limits were set on: {:?}", sums[0]);
     println!("other shapes:                   {:?}", sums[1]);
+    let sum = |of: fn(&Sums) -> u32| sums.iter().map(of).sum::<u32>();
+    let (can, not) = (sum(|s| s.can_be_held), sum(|s| s.not_held));
+    println!("of {can} poses that can be held {not} are refused or amber");
+    if HELD_OF * not > can {
+        wrong.push(format!("{not} of {can} poses that can be held are not"));
+    }
     println!("wrong: {wrong:?}");
     wrong
 }
@@ -200,6 +229,26 @@ pub(super) fn hollow_trial() -> Vec<String> {
     }
     println!("wrong: {wrong:?}");
     wrong
+}
+
+#[test]
+fn a_pose_can_be_held_where_nothing_else_is_borne_or_colours_choose() {
+    let capture = |rivals: Value, colours: [f64; 2]| {
+        serde_json::json!({
+            "refused": null,
+            "held_by": "silhouettes",
+            "free_axis": null,
+            "rivals": rivals,
+            "colours": {"best": colours[0], "next": colours[1]},
+        })
+    };
+    let rival = || serde_json::json!([{"turned_deg": 180.0}]);
+    assert!(can_be_held(&capture(serde_json::json!([]), [0.0, 0.0])));
+    assert!(can_be_held(&capture(rival(), [0.8, 0.2])));
+    assert!(!can_be_held(&capture(rival(), [0.8, 0.7])));
+    let mut nothing = capture(serde_json::json!([]), [0.1, 0.1]);
+    nothing["held_by"] = "nothing".into();
+    assert!(!can_be_held(&nothing));
 }
 
 /// Small sessions: one that form holds, one that depth alone may hold, one that colours hold, and one that nothing

@@ -183,3 +183,132 @@ impl Region {
         self.points.iter().filter(near).count() as f64 / self.points.len().max(1) as f64
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::calibration::{Camera, DepthCamera, DepthResponse, Distortion, Intrinsics};
+    use crate::frame::CameraId;
+    use crate::image::Grid;
+    use crate::reconstruct::depth::{DepthKind, Facts, SensorNoise};
+    use crate::reconstruct::region::{Bias, BiasSource, HullRenderings};
+    use nalgebra::{Vector2, Vector3};
+    use std::ops::Range;
+
+    /// Width and height of a depth picture; at 0.8 m it is 67 mm wide.
+    const SIDE: usize = 48;
+
+    /// A depth camera 0.8 m above the origin of its own rig, which lies at `x` in the scene.
+    fn seen_from(capture: usize, rank: u8, x: f64) -> DepthInRigFrame {
+        let (focal, middle) = (Vector2::repeat(575.0), Vector2::repeat(23.5));
+        let lens = Intrinsics::new(SIDE, SIDE, focal, middle, Distortion::default());
+        let from = Point3::new(0.0, 0.0, 0.8);
+        let pose = Isometry3::face_towards(&from, &Point3::origin(), &Vector3::y());
+        let camera = Camera::new(CameraId::new("kinect").unwrap(), lens.unwrap(), pose);
+        let corner = Point3::new(0.1, 0.1, 0.1);
+        DepthInRigFrame {
+            view: DepthView {
+                camera: DepthCamera {
+                    camera,
+                    response: DepthResponse::default(),
+                },
+                frames: Vec::new(),
+            },
+            volume: Volume::new(-corner, corner).unwrap(),
+            scene_from_rig: Isometry3::translation(x, 0.0, 0.0),
+            capture,
+            rank,
+        }
+    }
+
+    /// A depth of 0.8 m everywhere, and a region in each of some ranges of columns.
+    fn read(columns: &[Range<usize>]) -> (EnhancedDepth, Regions) {
+        let all = |value: f32| Grid::filled(SIDE, SIDE, value);
+        let label = |x: usize, _| {
+            let place = columns.iter().position(|range| range.contains(&x));
+            place.map_or(0, |place| place as u16 + 1)
+        };
+        let enhanced = EnhancedDepth {
+            depth: all(0.8),
+            kind: Grid::filled(SIDE, SIDE, DepthKind::Measured),
+            sigma: all(1e-3),
+            noise: SensorNoise {
+                per_square_depth: 0.0,
+                jitter_px: 0.0,
+                fixed_per_square_depth: 0.0,
+                median_deviation: 0.0,
+            },
+            facts: Facts::default(),
+        };
+        let regions = Regions {
+            front: HullRenderings {
+                depth: all(0.7),
+                exit: all(0.9),
+                is_front: Grid::filled(SIDE, SIDE, true),
+            },
+            difference: all(0.1),
+            sigma_difference: 0.1,
+            labels: Grid::from_fn(SIDE, SIDE, label),
+            count: columns.len(),
+            bias: Bias {
+                metres: 0.0,
+                found: 0.0,
+                remaining: 0.0,
+                source: BiasSource::None,
+            },
+        };
+        (enhanced, regions)
+    }
+
+    /// The labels that are left of the regions in some columns of two depth views.
+    fn left(
+        [a, b]: [DepthInRigFrame; 2],
+        [of_a, of_b]: [&[Range<usize>]; 2],
+    ) -> [(usize, Vec<u16>); 2] {
+        let fused = FusedCaptures {
+            depths: vec![a, b],
+            ..FusedCaptures::default()
+        };
+        let (mut first, mut second) = (read(of_a), read(of_b));
+        let mut depths = [(&first.0, &mut first.1), (&second.0, &mut second.1)];
+        fused.leave_each_region_to_one(&mut depths);
+        [first.1, second.1].map(|regions| {
+            let mut labels: Vec<u16> = regions.labels.pixels().to_vec();
+            labels.sort_unstable();
+            labels.dedup();
+            labels.retain(|&label| label != 0);
+            (regions.count, labels)
+        })
+    }
+
+    #[test]
+    fn a_hollow_that_two_captures_see_is_left_to_the_one_that_sees_more_of_it() {
+        let views = || [seen_from(0, 0, 0.0), seen_from(1, 0, 0.0)];
+        let (wide, narrow) = (0..24, 0..16);
+        let found = left(views(), [&[wide.clone()], &[narrow.clone()]]);
+        assert_eq!(found, [(1, vec![1]), (0, vec![])]);
+        let found = left(views(), [&[narrow.clone()], &[wide.clone()]]);
+        assert_eq!(found, [(0, vec![]), (1, vec![1])]);
+        // One that only the second sees stays its own, 20 mm from the other.
+        let found = left(views(), [&[wide], &[narrow, 36..SIDE]]);
+        assert_eq!(found, [(1, vec![1]), (1, vec![2])]);
+    }
+
+    #[test]
+    fn a_capture_whose_turn_is_known_carves_before_one_that_sees_more() {
+        let views = [seen_from(0, 1, 0.0), seen_from(1, 0, 0.0)];
+        let found = left(views, [&[0..24, 30..SIDE], &[0..16, 30..36]]);
+        assert_eq!(found, [(0, vec![]), (2, vec![1, 2])]);
+    }
+
+    #[test]
+    fn other_hollows_and_cameras_of_one_capture_keep_their_regions() {
+        let both: [(usize, Vec<u16>); 2] = [(1, vec![1]), (1, vec![1])];
+        let elsewhere = [seen_from(0, 0, 0.0), seen_from(1, 0, 0.1)];
+        let [wide, narrow] = [0..24, 0..16].map(|range| [range]);
+        assert_eq!(left(elsewhere, [&wide, &narrow]), both);
+        // Two cameras of one rig are fused before they carve.
+        let of_one = [seen_from(0, 0, 0.0), seen_from(0, 0, 0.0)];
+        assert_eq!(left(of_one, [&wide, &narrow]), both);
+    }
+}

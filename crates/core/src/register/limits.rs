@@ -45,6 +45,14 @@ pub(super) const MOST_TURNS: usize = 2;
 const CORRELATION: f64 = 0.35;
 /// … if it is larger than any other pose's by this.
 const CORRELATION_MARGIN: f64 = 0.12;
+/// Colours tell no pose from another where they correlate by more than this at each …
+const ALIKE: f64 = 0.7;
+/// … by less than this more at the best than at the worst …
+const ALIKE_SPREAD: f64 = 0.06;
+/// … and lack at the worst at most so many times what they lack at the best, which is their noise …
+const ALIKE_NOISE: f64 = 1.6;
+/// … and this. Rings alone lack up to 1.55 times as much.
+const ALIKE_MORE: f64 = 0.01;
 /// Contrast of the logarithm of brightness below which a surface is plain.
 pub(super) const PLAIN: f64 = 0.06;
 /// Contrast from which on it surely has a pattern; a plain mug's own shadows reach 0.12.
@@ -70,7 +78,25 @@ pub(super) const DEPTH_SIGMA_DEG: f64 = 2.0;
 
 /// Whether colours choose the pose at which they agree best.
 pub(super) fn do_colours_decide(colours: &ColorAgreement) -> bool {
-    colours.best > CORRELATION && colours.best - colours.next > CORRELATION_MARGIN
+    colours.best > CORRELATION && is_outdone(colours.next, colours.best)
+}
+
+/// Whether colours decide against a pose at which they correlate by `rated`, because of one where they do by `best`.
+pub(super) fn is_outdone(rated: f64, best: f64) -> bool {
+    best - rated > CORRELATION_MARGIN
+}
+
+/// Whether colours agree at several poses, and at none better than at another but for their noise: by `best` and
+/// `least`.
+pub(super) fn are_colours_alike(best: f64, least: f64) -> bool {
+    least > ALIKE
+        && best - least < ALIKE_SPREAD
+        && 1.0 - least < ALIKE_NOISE * (1.0 - best) + ALIKE_MORE
+}
+
+/// Whether colours were compared at so many points that they can be called alike.
+pub(super) fn are_compared(colours: &ColorAgreement) -> bool {
+    colours.points >= COMMON_POINTS
 }
 
 /// Whether both captures show a pattern, and the patterns have nothing in common.

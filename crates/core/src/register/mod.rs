@@ -8,13 +8,15 @@
 //! - `search` tries all rotations on the hulls' distance grids; `align` refines the best by rays that must `touch`;
 //! - `determination` finds the directions in which the silhouettes do not determine the pose;
 //! - `loose` asks colours where silhouettes hold a pose, but hold it loosely;
-//! - `skin` compares colours, and `depth` readings; `noise` measures how far a capture contradicts itself;
+//! - `skin` compares colours, which may be `alike` at every turn, and `depth` readings; `noise` measures how far a
+//!   capture contradicts itself;
 //! - `decide` compares two captures, with `witnesses` where the silhouettes leave a choice, and with a `scale` where
 //!   their calibrations differ; `comparisons` keeps what was found of pairs, `places` makes groups of it, and `group`
 //!   does so for all and states what was found;
 //! - `unseen` measures what no camera faced.
 
 mod align;
+mod alike;
 mod body;
 mod comparisons;
 mod contour;

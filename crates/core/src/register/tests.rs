@@ -462,18 +462,54 @@ fn colours_tell_one_of_two_equal_handles_from_the_other() {
     colours_find_the_turn_of(&with_handles(2));
 }
 
-#[test]
-fn a_pattern_that_is_the_same_all_round_tells_no_turn() {
-    fn rings(p: Point3<f64>) -> f64 {
-        0.5 + 0.4 * (430.0 * p.z).cos()
+fn rings(p: Point3<f64>) -> f64 {
+    0.5 + 0.4 * (430.0 * p.z).cos()
+}
+
+/// Rings with a spot on one side.
+fn rings_with_a_spot(p: Point3<f64>) -> f64 {
+    if (p - Point3::new(0.029, 0.0, 0.005)).norm() < 0.01 {
+        0.05
+    } else {
+        rings(p)
     }
-    let captures = twice(&round(), &near_poses(), rings);
+}
+
+/// Rings, and stripes from end to end that fit again after a quarter of a turn.
+fn rings_and_stripes(p: Point3<f64>) -> f64 {
+    0.5 + 0.25 * (430.0 * p.z).cos() + 0.2 * (4.0 * p.y.atan2(p.x)).cos()
+}
+
+#[test]
+fn rings_that_agree_at_every_turn_make_a_model_whose_turn_is_not_claimed() {
+    let poses = near_poses();
+    let captures = twice(&round(), &poses, rings);
     let second = registered(&captures).captures.remove(1);
-    let is_claimed = !matches!(
-        second.verdict,
-        Ok(PoseEvidence::Nothing) | Err(Refusal::Undecided)
-    );
-    assert!(!is_claimed && second.level > Level::Green, "{second:?}");
+    assert_eq!(second.verdict, Ok(PoseEvidence::Nothing), "{second:?}");
+    assert_eq!(second.level, Level::Amber);
+    assert!(second.free_axis.is_some(), "{second:?}");
+    // The form: where the axis' ends come to lie.
+    let found = second.rig_from_object.unwrap();
+    let truth = poses[1] * poses[0].inverse();
+    for (center, _) in round() {
+        let p = poses[0] * center;
+        assert!((found * p - truth * p).norm() < 3e-4, "{second:?}");
+    }
+}
+
+#[test]
+fn colours_that_differ_between_turns_and_do_not_decide_are_refused() {
+    for brightness in [rings_with_a_spot, rings_and_stripes] {
+        let poses = near_poses();
+        let captures = twice(&round(), &poses, brightness);
+        let second = registered(&captures).captures.remove(1);
+        let is_found = second.verdict == Ok(PoseEvidence::Colours);
+        assert!(
+            second.verdict == Err(Refusal::Undecided)
+                || is_found && error_deg(&second, &poses) < 3.0,
+            "{second:?}"
+        );
+    }
 }
 
 #[test]

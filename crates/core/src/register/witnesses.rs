@@ -2,6 +2,7 @@
 //! contradict a pose.
 
 use super::align::{Aligned, Rays, align};
+use super::alike::{alike, picked};
 use super::body::Body;
 use super::decide::{CapturePair, Decision};
 use super::depth::{Contradiction, contradiction};
@@ -31,6 +32,40 @@ struct Candidates {
     turns: Vec<Range<usize>>,
     /// Whether silhouettes bear each of these turns all the way round.
     are_whole: bool,
+    /// Whether the pose on which silhouettes agree best is among them.
+    have_best: bool,
+}
+
+impl Candidates {
+    /// The poses of each free turn, or each pose where no turn is free.
+    fn families(&self) -> Vec<Range<usize>> {
+        if self.turns.is_empty() {
+            (0..self.poses.len()).map(|i| i..i + 1).collect()
+        } else {
+            self.turns.clone()
+        }
+    }
+
+    /// Only those of some families. The first family has the best pose.
+    fn only(&self, families: &[Range<usize>]) -> Self {
+        let mut end = 0;
+        let moved = families.iter().map(|family| {
+            let begin = end;
+            end += family.len();
+            begin..end
+        });
+        let turns: Vec<Range<usize>> = moved.collect();
+        Self {
+            poses: picked(&self.poses, families),
+            turns: if self.turns.is_empty() {
+                Vec::new()
+            } else {
+                turns
+            },
+            are_whole: self.are_whole,
+            have_best: self.have_best && families.first().is_some_and(|f| f.start == 0),
+        }
+    }
 }
 
 /// How far depth contradicts each of the candidates, and the least and most that are known.
@@ -79,24 +114,49 @@ impl CapturePair<'_> {
         let is_free = determination.is_free();
         decision.free_axis = is_free.then(|| axis(&determination.softest)).flatten();
         let candidates = self.candidates(best, determination, rivals);
-        let poses = &candidates.poses;
         let (a, apart) = (&self.a.body, limits::APART * self.a.body.radius);
         let is_other =
             |x: &Isometry3<f64>, y: &Isometry3<f64>| displacement(x, y, &a.surface) > apart;
-        let Some((top, colours)) = self.best_by_colours(poses, &is_other) else {
+        let rated = self.rated(&candidates.poses);
+        let chosen = self.best_of(&candidates.poses, &rated, &is_other);
+        let Some((top, colours)) = chosen else {
             decision.verdict = Err(Refusal::Undecided);
             return decision;
         };
         decision.colours = Some(colours);
-        let contradiction = |p| contradiction(&self.a.depths, &self.b.depths, p);
-        let share = |found: Option<Contradiction>| found.map_or(f64::NAN, |found| found.share);
-        let shares = poses.par_iter().map(|p| share(contradiction(p))).collect();
-        let depth = Contradictions::new(shares);
+        let shares = self.contradicting_shares(&candidates.poses);
         if limits::do_colours_decide(&colours) {
-            return self.by_colours(decision, poses[top], is_free, depth.least);
+            let least = Contradictions::new(shares).least;
+            return self.by_colours(decision, candidates.poses[top], is_free, least);
         }
-        let is_plain = colours.contrast < limits::PLAIN;
-        let knows_nothing = is_plain && is_free;
+        let families = candidates.families();
+        let silent = if colours.contrast < limits::PLAIN {
+            Some(families)
+        } else {
+            alike(&families, &rated).filter(|_| limits::are_compared(&colours))
+        };
+        let Some(silent) = silent else {
+            return self.by_depth_alone(decision, &candidates, Contradictions::new(shares), false);
+        };
+        let depth = Contradictions::new(picked(&shares, &silent));
+        let borne = candidates.only(&silent);
+        if !borne.have_best {
+            let verdict = Ok(PoseEvidence::Nothing);
+            decision = self.settled_at(decision, candidates.poses[top], verdict);
+        }
+        self.by_depth_alone(decision, &borne, depth, true)
+    }
+
+    /// Colours do not decide between some poses: depth does, or nothing. `are_silent` says whether colours tell none of
+    /// them from another, be it that the surface is plain.
+    fn by_depth_alone(
+        &self,
+        mut decision: Decision,
+        candidates: &Candidates,
+        depth: Contradictions,
+        are_silent: bool,
+    ) -> Decision {
+        let knows_nothing = are_silent && !candidates.turns.is_empty();
         let limit = limits::depth(depth.least);
         let mut turns = candidates.turns.iter();
         let is_indifferent =
@@ -107,17 +167,17 @@ impl CapturePair<'_> {
             } else {
                 &[]
             };
-            return self.by_depth(decision, turns, poses, &depth.shares, depth.least);
+            return self.by_depth(decision, turns, &candidates.poses, &depth);
         }
         let at_pose = self.depth_at(&decision.pose);
         decision.depth = at_pose.filter(|_| depth.are_known());
         decision.verdict = if at_pose.is_some_and(is_too_much) {
             Err(Refusal::DepthContradicts)
-        } else if !is_plain || !candidates.are_whole {
+        } else if !are_silent || !candidates.are_whole {
             Err(Refusal::Undecided)
         } else {
-            // Whichever of these poses is right, silhouettes and depth cannot tell its form from another's.
-            Ok(PoseEvidence::Nothing)
+            // Whichever of these poses is right, neither silhouettes nor depth nor colours can tell it from another.
+            decision.verdict.and(Ok(PoseEvidence::Nothing))
         };
         decision
     }
@@ -136,6 +196,7 @@ impl CapturePair<'_> {
                 poses: std::iter::once(best.pose).chain(rivals).collect(),
                 turns: Vec::new(),
                 are_whole: true,
+                have_best: true,
             };
         }
         let mut free = vec![Turns::of(a, b, best, &determination.softest)];
@@ -155,6 +216,7 @@ impl CapturePair<'_> {
             poses,
             turns,
             are_whole: free.iter().all(|turn| turn.is_whole(self.object)),
+            have_best: true,
         }
     }
 
@@ -165,11 +227,34 @@ impl CapturePair<'_> {
         poses: &[Isometry3<f64>],
         apart: &dyn Fn(&Isometry3<f64>, &Isometry3<f64>) -> bool,
     ) -> Option<(usize, ColorAgreement)> {
-        let rated: Vec<f64> = poses
+        self.best_of(poses, &self.rated(poses), apart)
+    }
+
+    /// The correlation of colours at each pose.
+    fn rated(&self, poses: &[Isometry3<f64>]) -> Vec<f64> {
+        poses
             .par_iter()
             .map(|p| agreement(&self.a.skin, &self.b.skin, p, FEW_POINTS).correlation)
-            .collect();
-        let (top, next) = best_and_next(poses, &rated, apart)?;
+            .collect()
+    }
+
+    /// The share of depth readings that contradict each pose; NaN where the captures have too few in common.
+    fn contradicting_shares(&self, poses: &[Isometry3<f64>]) -> Vec<f64> {
+        let share = |found: Option<Contradiction>| found.map_or(f64::NAN, |found| found.share);
+        poses
+            .par_iter()
+            .map(|p| share(contradiction(&self.a.depths, &self.b.depths, p)))
+            .collect()
+    }
+
+    /// The best rated of some poses, and how well colours agree there and at the next one that is apart from it.
+    fn best_of(
+        &self,
+        poses: &[Isometry3<f64>],
+        rated: &[f64],
+        apart: &dyn Fn(&Isometry3<f64>, &Isometry3<f64>) -> bool,
+    ) -> Option<(usize, ColorAgreement)> {
+        let (top, next) = best_and_next(poses, rated, apart)?;
         let colours = ColorAgreement {
             best: rated[top],
             next,
@@ -220,10 +305,10 @@ impl CapturePair<'_> {
         mut decision: Decision,
         turns: &[Range<usize>],
         poses: &[Isometry3<f64>],
-        shares: &[f64],
-        least: f64,
+        depth: &Contradictions,
     ) -> Decision {
-        let (a, b) = (&self.a.body, &self.b.body);
+        let a = &self.a.body;
+        let (shares, least) = (&depth.shares, depth.least);
         let limit = limits::depth(least);
         let good = |i: &usize| shares[*i] <= 0.5 * (least + limit);
         let good: Vec<usize> = (0..poses.len()).filter(good).collect();
@@ -246,11 +331,7 @@ impl CapturePair<'_> {
         let is_one = spread.fold(0.0, f64::max) < near
             && sigma_deg <= limits::DEPTH_SIGMA_DEG
             && least < limits::DEPTH_CONTRADICTS;
-        let fixed = decision
-            .free_axis
-            .is_some()
-            .then(|| as_it_is(a, b, poses[top], Rays::SOME).softest()[0].0);
-        let aligned = align(a, b, poses[top], Rays::MANY, fixed.as_ref());
+        let is_free = decision.free_axis.is_some();
         let verdict = if middle.is_some() {
             Ok(PoseEvidence::Nothing)
         } else if is_one {
@@ -258,19 +339,35 @@ impl CapturePair<'_> {
         } else {
             Err(Refusal::Undecided)
         };
-        let mut settled = self.state(&aligned, verdict);
-        settled.free_axis = decision.free_axis;
-        settled.rivals = decision.rivals;
-        settled.colours = decision.colours;
+        let mut settled = self.settled_at(decision, poses[top], verdict);
         settled.depth = Some(DepthWitness {
             contradicting: shares[top],
             least,
         });
         // A turn that depth holds is known to the degrees that it finds equally good, and no closer than they are
         // tried.
-        let step_deg = if fixed.is_some() { TURN_DEG } else { 0.0 };
+        let step_deg = if is_free { TURN_DEG } else { 0.0 };
         settled.uncertainty.0 = settled.uncertainty.0.max(sigma_deg).max(step_deg);
         settled
+    }
+
+    /// What is known of another pose than that of a decision, put on the silhouettes without a turn where that is free.
+    fn settled_at(
+        &self,
+        decision: Decision,
+        pose: Isometry3<f64>,
+        verdict: Result<PoseEvidence, Refusal>,
+    ) -> Decision {
+        let (a, b) = (&self.a.body, &self.b.body);
+        let is_free = decision.free_axis.is_some();
+        let fixed = is_free.then(|| as_it_is(a, b, pose, Rays::SOME).softest()[0].0);
+        let aligned = align(a, b, pose, Rays::MANY, fixed.as_ref());
+        Decision {
+            free_axis: decision.free_axis,
+            rivals: decision.rivals,
+            colours: decision.colours,
+            ..self.state(&aligned, verdict)
+        }
     }
 
     pub(super) fn colours_at(&self, pose: &Isometry3<f64>, next: f64) -> ColorAgreement {

@@ -7,6 +7,7 @@ use crate::reconstruct::hull::Plane;
 use crate::reconstruct::silhouette::Silhouette;
 use crate::reconstruct::{ColorView, DepthInRigFrame, DepthView, FusedCaptures, Scene};
 use nalgebra::{Isometry3, Point3, Vector3};
+use std::collections::{BTreeMap, BTreeSet};
 
 /// A capture, read.
 pub(super) struct Loaded {
@@ -57,12 +58,14 @@ pub(super) fn merge(captures: Vec<(Place, Loaded)>, frame_of: usize) -> Option<M
             ..frame.facts.clone()
         },
     };
+    let mut taken: BTreeSet<CameraId> = names(frame).cloned().collect();
     let (mut depth_ranks, mut depth_captures) = (Vec::new(), Vec::new());
     for (place, capture) in captures {
         depth_ranks.extend(capture.scene.depths.iter().map(|_| place.rank));
         depth_captures.extend(capture.scene.depths.iter().map(|_| place.capture as u16));
         let is_frame = place.capture == frame_of;
-        merged.add(capture, &place, (!is_frame).then_some(place.capture + 1));
+        let renamed = (!is_frame).then(|| numbered(&capture, place.capture + 1, &mut taken));
+        merged.add(capture, &place, renamed.as_ref());
     }
     let Merged {
         scene, standing, ..
@@ -74,16 +77,22 @@ pub(super) fn merge(captures: Vec<(Place, Loaded)>, frame_of: usize) -> Option<M
 }
 
 impl Merged {
-    /// Adds a capture. Cameras of one that does not give the frame bear its number in their names.
-    fn add(&mut self, capture: Loaded, place: &Place, number: Option<usize>) {
+    /// Adds a capture. `names` has the names of its cameras in the scene, if it does not give the frame.
+    fn add(
+        &mut self,
+        capture: Loaded,
+        place: &Place,
+        names: Option<&BTreeMap<CameraId, CameraId>>,
+    ) {
         let Loaded {
             scene,
             facts,
             silhouettes,
         } = capture;
         let pose = place.object_from_rig;
-        let renamed = |id: &CameraId| number.map_or_else(|| id.clone(), |n| with_number(id, n));
-        if number.is_some() {
+        let renamed = |id: &CameraId| names.and_then(|names| names.get(id)).unwrap_or(id).clone();
+        let is_frame = names.is_none();
+        if !is_frame {
             let floor = Point3::new(0.0, 0.0, scene.volume.min.z);
             self.standing.tables.push(Plane {
                 point: pose * floor,
@@ -92,7 +101,7 @@ impl Merged {
             self.standing.table_captures.push(place.capture as u16);
         }
         for view in scene.colors {
-            let camera = moved(&view.camera, &pose, renamed(&view.camera.id), number);
+            let camera = moved(&view.camera, &pose, renamed(&view.camera.id), is_frame);
             self.scene.colors.push(ColorView { camera, ..view });
             self.standing.ranks.push(place.rank);
             self.standing.captures.push(place.capture as u16);
@@ -100,7 +109,7 @@ impl Merged {
         for view in scene.depths {
             let id = renamed(&view.camera.camera.id);
             let camera = DepthCamera {
-                camera: moved(&view.camera.camera, &pose, id, number),
+                camera: moved(&view.camera.camera, &pose, id, is_frame),
                 response: view.camera.response,
             };
             self.standing.depths.push(DepthInRigFrame {
@@ -155,9 +164,9 @@ fn moved(
     camera: &Camera,
     object_from_rig: &Isometry3<f64>,
     id: CameraId,
-    number: Option<usize>,
+    is_frame: bool,
 ) -> Camera {
-    if number.is_none() {
+    if is_frame {
         return camera.clone();
     }
     Camera::new(
@@ -167,10 +176,49 @@ fn moved(
     )
 }
 
-/// A camera's name with the number of its capture.
-fn with_number(id: &CameraId, number: usize) -> CameraId {
-    let ending = format!("_{number}");
-    let room = 32 - ending.len();
+/// The names of all cameras of a capture, some several times.
+fn names(capture: &Loaded) -> impl Iterator<Item = &CameraId> {
+    let Loaded { scene, facts, .. } = capture;
+    let colors = scene.colors.iter().map(|view| &view.camera.id);
+    let depths = scene.depths.iter().map(|view| &view.camera.camera.id);
+    let colors = colors.chain(facts.colors.iter().map(|facts| &facts.camera));
+    let depths = depths.chain(facts.depths.iter().map(|facts| &facts.camera));
+    let left_out = facts.left_out.iter().map(|left_out| &left_out.camera);
+    colors.chain(depths).chain(left_out)
+}
+
+/// For each camera of a capture its name with the capture's number, which is none of those that are `taken`, and is
+/// taken from then on.
+fn numbered(
+    capture: &Loaded,
+    number: usize,
+    taken: &mut BTreeSet<CameraId>,
+) -> BTreeMap<CameraId, CameraId> {
+    let own: BTreeSet<&CameraId> = names(capture).collect();
+    let mut renamed = BTreeMap::new();
+    for id in own {
+        let name = with_number(id, number, taken);
+        taken.insert(name.clone());
+        renamed.insert(id.clone(), name);
+    }
+    renamed
+}
+
+/// A camera's name with the number of its capture. A long name is cut; where another camera then has the same, it also
+/// gets a number of its own.
+fn with_number(id: &CameraId, number: usize, taken: &BTreeSet<CameraId>) -> CameraId {
+    // One of so many different names is free.
+    let endings = (1..=taken.len() + 1).map(|own| match own {
+        1 => format!("_{number}"),
+        _ => format!("_{own}_{number}"),
+    });
+    let mut names = endings.map(|ending| with_ending(id, &ending));
+    let free = names.find(|name| !taken.contains(name));
+    free.unwrap_or_else(|| id.clone())
+}
+
+fn with_ending(id: &CameraId, ending: &str) -> CameraId {
+    let room = 32_usize.saturating_sub(ending.len());
     let begin = &id.as_str()[..id.as_str().len().min(room)];
     CameraId::new(&format!("{begin}{ending}")).unwrap_or_else(|_| id.clone())
 }
@@ -302,7 +350,39 @@ mod tests {
     #[test]
     fn a_long_name_keeps_the_number_of_its_capture() {
         let long = CameraId::new(&"x".repeat(32)).unwrap();
-        let named = with_number(&long, 12);
+        let named = with_number(&long, 12, &BTreeSet::new());
         assert_eq!(named.as_str(), "x".repeat(29) + "_12");
+    }
+
+    #[test]
+    fn cameras_whose_long_names_begin_alike_stay_two() {
+        let renamed = |capture: Loaded, ids: [&str; 2]| {
+            let mut capture = capture;
+            let view = capture.scene.colors.remove(0);
+            let named = |name: &str| {
+                let id = CameraId::new(name).unwrap();
+                let camera = Camera::new(id, view.camera.intrinsics, view.camera.rig_from_camera);
+                ColorView {
+                    camera,
+                    ..view.clone()
+                }
+            };
+            capture.scene.colors = ids.map(named).into();
+            capture
+        };
+        let begin = "x".repeat(31);
+        let [a, b] = ["a", "b"].map(|end| format!("{begin}{end}"));
+        // The second name of the first capture is what the third capture's name is cut to.
+        let cut = format!("{}_3", "x".repeat(30));
+        let captures = vec![
+            (place(2, 1), renamed(loaded("c", None), [&a, &b])),
+            (place(0, 0), renamed(loaded("a", None), [&a, &cut])),
+        ];
+        let merged = merge(captures, 0).unwrap();
+        let colors = &merged.scene.colors;
+        let ids: Vec<&str> = colors.iter().map(|view| view.camera.id.as_str()).collect();
+        let twice = "x".repeat(28);
+        let [second, third] = [2, 3].map(|own| format!("{twice}_{own}_3"));
+        assert_eq!(ids, [&second, &third, &a, &cut]);
     }
 }

@@ -379,6 +379,10 @@ fn known((source, loaded): (&Source, &Result<Loaded, Error>)) -> Known {
         recording: file_name(path),
         id: source.id.clone(),
         cameras: cameras.map(|view| view.camera.id.to_string()).collect(),
+        placement: loaded
+            .as_ref()
+            .ok()
+            .and_then(|loaded| loaded.facts.placement.clone()),
         problem: loaded.as_ref().err().map(ToString::to_string),
     }
 }

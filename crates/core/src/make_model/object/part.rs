@@ -37,6 +37,9 @@ pub struct FusedCapture {
     pub recording: String,
     /// Its name.
     pub id: CaptureId,
+    /// How the object lay, in a person's words.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub placement: Option<String>,
     /// Whether it is part of the model.
     pub is_fused: bool,
     /// How its pose was found; `null` without a pose.
@@ -109,6 +112,8 @@ pub(super) struct Known {
     pub(super) recording: String,
     pub(super) id: CaptureId,
     pub(super) cameras: Vec<String>,
+    /// How the object lay, in a person's words.
+    pub(super) placement: Option<String>,
     /// Why it could not be compared with others.
     pub(super) problem: Option<String>,
 }
@@ -223,6 +228,7 @@ fn fused_capture(i: usize, told: &Told, found: &Registered) -> FusedCapture {
     FusedCapture {
         recording: known[i].recording.clone(),
         id: known[i].id.clone(),
+        placement: known[i].placement.clone(),
         is_fused,
         held_by,
         refused: found.verdict.err(),
@@ -468,6 +474,7 @@ mod tests {
             recording: "pot.mcap".to_owned(),
             id: CaptureId::new(name).unwrap(),
             cameras: vec!["left".to_owned(), "right".to_owned()],
+            placement: Some(format!("{name} is up")),
             problem: None,
         }
     }
@@ -533,6 +540,14 @@ mod tests {
             let is_note = reason.level == Level::Green;
             assert_eq!(is_note, held_by != PoseEvidence::Nothing, "{reason:?}");
         }
+    }
+
+    #[test]
+    fn each_capture_says_how_the_object_lay_as_a_person_put_it() {
+        let fusion = fusion(&[registered(Ok(PoseEvidence::Colours))], false);
+        let told = serde_json::to_value(&fusion).unwrap();
+        let words = |i: usize| told["captures"][i]["placement"].as_str();
+        assert_eq!([words(0), words(1)], [Some("a is up"), Some("b is up")]);
     }
 
     #[test]

@@ -264,3 +264,23 @@ fn borders(region: &[u32], own: u16, labels: &[u16], across: &[[u32; 3]]) -> Vec
     lengths.sort_by_key(|&(label, length)| (std::cmp::Reverse(length), label));
     lengths
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_border_between_captures_costs_twice_one_between_cameras() {
+        // The third view is another capture's.
+        let borders = Borders {
+            smoothness: 0.3,
+            captures: &[0, 0, 1],
+        };
+        let cost = |around: [u16; 3]| borders.cost(0, &around);
+        let between_cameras = cost([1, 1, UNSEEN]);
+        assert!((between_cameras - 0.2).abs() < 1e-6, "{between_cameras}");
+        let between_captures = cost([2, 2, UNSEEN]);
+        assert!((between_captures - 0.4).abs() < 1e-6, "{between_captures}");
+        assert_eq!(cost([0, UNSEEN, 0]), 0.0);
+    }
+}
