@@ -16,10 +16,10 @@ impl CaptureThread {
     /// Takes the empty rig's backgrounds and keeps them.
     pub(super) fn take_backgrounds(&mut self) -> Result<String, String> {
         self.check_capacity()?;
-        self.end_look();
+        let time = self.end_look();
         let trigger = Trigger {
             id: CaptureId::new("background").map_err(|e| e.to_string())?,
-            time: self.rig.clock().timestamp(),
+            time,
             source: "background".into(),
             press_id: None,
             subject: None,
