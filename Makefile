@@ -21,7 +21,7 @@ rig-demo: deps ## run the daemon with a simulated rig on this machine, and make 
 ui: ## build the operator's page into ui/dist, from where the feature `page` takes it (npm; Node 18 or later)
 	scripts/ui.sh
 
-page-demo: ui ## a simulated rig, the daemon and the operator's page on this machine; prints a link for a browser
+page-demo: ui ## a simulated rig, the daemon and the operator's page on this machine; prints a link for a browser (PICTURES=docs takes the pictures of docs/operating.md)
 	$(CARGO) build --release --locked --features aravis,page
 	SCAND=target/release/scand node ui/demo.mjs
 

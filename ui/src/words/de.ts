@@ -24,7 +24,7 @@ export const de: Words = {
   sign_busy: "Bitte warten",
   sign_busy_hint: "Die Anlage führt einen Auftrag aus, etwa Hintergrundbilder: ein Druck würde jetzt nicht angenommen.",
   sign_ready: "Bereit",
-  sign_ready_hint: "Der nächste Druck löst aus.",
+  sign_ready_hint: "Stellen Sie das Objekt hinein, nehmen Sie die Hände weg und drücken Sie: der nächste Druck löst aus.",
   sign_ready_no_plates_hint: "Der nächste Druck löst aus, aber nehmen Sie zuerst Hintergrundbilder der leeren Anlage auf: ohne sie entsteht kein Modell.",
   sign_ready_without: "Bereit, aber Kameras fehlen",
   sign_ready_without_hint: "Der nächste Druck löst ohne diese Kameras aus, wie es eingestellt ist:",
@@ -79,6 +79,7 @@ export const de: Words = {
   updated: "Stand vor {age}",
 
   press: "Auslösen",
+  press_hint: "Alle Kameras nehmen zugleich auf. Nehmen Sie vorher die Hände weg.",
   pressing: "Ausgelöst …",
   object_number: "Nummer des Objekts",
   object_hint: "Eintippen oder den Strichcode lesen.",
@@ -118,6 +119,7 @@ export const de: Words = {
   say_earlier: "Das betrifft {capture}; inzwischen entstand {last}. Leeren Sie das Feld, um von dieser zu sprechen.",
 
   told_durable: "{capture} ist sicher gespeichert.",
+  told_plates: "Erledigt: die Hintergrundbilder sind gespeichert. Stellen Sie jetzt das Objekt hinein.",
   told_noted: "Vermerkt bei {capture}.",
   told_busy: "Beschäftigt: eine andere Aufnahme läuft. Dieser Druck löste keine aus.",
   told_failed: "Die Aufnahme misslang: {reason}",
@@ -209,6 +211,7 @@ export const de: Words = {
   reason_unproved: "Weil Teile von Bildern nicht zählen, kann mehr zum Objekt gehören.",
   reason_failed: "Das Modell konnte nicht berechnet werden.",
   compare: "Mit einem anderen Modell vergleichen",
+  compare_hint: "Sehen Sie zuerst auf das Urteil: grün ist besser als gelb, und gelb besser als rot. Bei gleichem Urteil ist wahrscheinlich das Modell mit dem kleineren erwarteten Fehler das bessere.",
   compare_earlier: "Dasselbe Objekt in anderen Sitzungen",
   compare_cut: "In anderen Sitzungen gibt es mehr Modelle dieses Objekts, als hier stehen, oder noch nicht alle Sitzungen wurden durchsucht.",
   difference: "Unterschied",

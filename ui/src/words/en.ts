@@ -22,7 +22,7 @@ export const en = {
   sign_busy: "Please wait",
   sign_busy_hint: "The rig carries out an order, such as background pictures: a press would not be taken now.",
   sign_ready: "Ready",
-  sign_ready_hint: "The next press is taken.",
+  sign_ready_hint: "Put the object in, take your hands away, and press: the next press is taken.",
   sign_ready_no_plates_hint: "The next press is taken, but first take background pictures of the empty rig: without them there is no model.",
   sign_ready_without: "Ready, with cameras missing",
   sign_ready_without_hint: "The next press is taken without these cameras, as the configuration allows:",
@@ -77,6 +77,7 @@ export const en = {
   updated: "As of {age} ago",
 
   press: "Press",
+  press_hint: "It takes one capture with all cameras at once. Take your hands away first.",
   pressing: "Pressed …",
   object_number: "Number of the object",
   object_hint: "Type it, or scan its barcode.",
@@ -116,6 +117,7 @@ export const en = {
   say_earlier: "This is about {capture}; meanwhile {last} was taken. Empty the field to speak of that one.",
 
   told_durable: "{capture} is safe on the disk.",
+  told_plates: "Done: the background pictures are stored. Put the object in now.",
   told_noted: "The note on {capture} is stored.",
   told_busy: "Busy: another capture is being taken. This press took none.",
   told_failed: "The capture failed: {reason}",
@@ -208,6 +210,7 @@ export const en = {
   reason_failed: "The model could not be made.",
   figures: "Figures",
   compare: "Compare with another model",
+  compare_hint: "Look at the verdict first: green is better than amber, and amber better than red. Of two with the same verdict, the one with the smaller expected error is probably the better one.",
   compare_earlier: "The same object in other sessions",
   compare_cut: "There are more models of this object in other sessions than are listed, or not all sessions were looked through yet.",
   difference: "Difference",
