@@ -52,6 +52,7 @@ test("every answer has its headers, and another name is refused", async ({ page,
 test("plates, a session, a press with a scanned number, and the model in the viewer", async ({ page, rig }) => {
   await enter(page, rig);
   await sign(page, "ready");
+  if (!rig.isPrepared) await expect(page.locator(".now .hint")).toContainText("first take background pictures");
   await shot(page, "ready");
   await page.getByRole("button", { name: "Take background pictures" }).click();
   await page.getByRole("button", { name: "Yes, take them" }).click();
@@ -220,6 +221,21 @@ test("a connection that falls silent is told, and what is shown is so again when
   await sign(page, "ready", "green", "amber");
 });
 
+test("a tablet that slept shows nothing old when it wakes, by the clock on the wall", async ({ page, rig, expected }) => {
+  expected.push("net::ERR");
+  await enter(page, rig, "viewer", rig.wirePort);
+  await sign(page, "ready", "green", "amber", "red", "failed");
+  rig.wire.cut();
+  // The monotonic clock stood still meanwhile; by it alone the last word would count for six seconds at least.
+  await page.evaluate(() => {
+    const now = Date.now.bind(Date);
+    Date.now = () => now() + 3_600_000;
+  });
+  await expect(page.locator("[data-sign]")).toHaveAttribute("data-sign", "unknown", { timeout: 4000 });
+  rig.wire.mend();
+  await sign(page, "ready", "green", "amber", "red", "failed");
+});
+
 test("a daemon that is away, a full disk, a camera that is away and a red model are told", async ({ page, rig }) => {
   await rig.prepare();
   await enter(page, rig);
@@ -230,10 +246,22 @@ test("a daemon that is away, a full disk, a camera that is away and a red model 
   await sign(page, "disk_full");
   await rig.stop("daemon");
   rig.options.keepFree = 200;
+  // A capture whose pictures are further apart than is allowed is none.
+  rig.options.largestSkew = 0.000001;
+  await rig.startDaemon();
+  await sign(page, "ready");
+  await page.getByRole("button", { name: "Press", exact: true }).click();
+  await sign(page, "failed");
+  await expect(page.locator(".now h1")).toHaveText("Failed: press again");
+  await expect(page.locator(".now .reasons li").first()).toContainText("ms");
+  await expect(page.locator(".do > .told")).toContainText("The capture failed: ");
+  await rig.stop("daemon");
+  rig.options.largestSkew = undefined;
   // The cameras are not asked at the very same moment; here that is too much.
   rig.options.skew = [0.000001, 0.000002];
   await rig.startDaemon();
-  await sign(page, "ready");
+  // The failure is still the last that happened.
+  await sign(page, "ready", "failed");
   await page.getByRole("button", { name: "Press", exact: true }).click();
   await sign(page, "red");
   await shot(page, "red");
@@ -320,6 +348,47 @@ test("a model is made again with other settings, beside the first", async ({ pag
   rig.scand("note", "--socket", "scand.sock", name, "reject", "a hand");
   await expect(page.locator("p.row > .decision")).toHaveText("rejected");
   await expect(page.locator("[data-compared] .decision").first()).toHaveText("rejected");
+});
+
+test("a session is closed, and its capture is accepted and noted about afterwards", async ({ page, rig }) => {
+  await rig.prepare();
+  await enter(page, rig);
+  const [begin, close] = ["Begin the session", "Close the session"].map((name) => page.getByRole("button", { name }));
+  await expect(begin.or(close)).toBeVisible();
+  if (await close.isVisible()) await close.click();
+  const name = `evening-${Date.now()}`;
+  await page.getByLabel("Name of the session").fill(name);
+  await page.getByLabel("Operator").fill("Ann");
+  await page.getByLabel("Project").fill("Vases");
+  await begin.click();
+  await expect(page.locator(".facts")).toContainText(`Session ${name}`);
+  const [recording, capture] = make(rig);
+  await close.click();
+  await expect(page.locator(".facts")).toContainText("No session is open");
+  expect(rig.scand("info", `recordings/${recording}.mcap`)).toContain("Vases");
+  await page.goto(`http://127.0.0.1:${rig.port}/#/history/${recording}/${capture}`);
+  await page.locator("[data-say=accept]").click();
+  await expect(page.locator("p.row > .decision")).toHaveText("accepted");
+  await page.getByLabel("Why, or a note").fill("The handle is glued.");
+  await page.locator("[data-say=text]").click();
+  await expect(page.locator("main")).toContainText("Note: The handle is glued.");
+  expect(readdirSync(rig.path("recordings"))).toContain(`${recording}.notes.jsonl`);
+});
+
+test("the state tells each camera's settings as read back, the disk, the models that wait and the ages", async ({ page, rig }) => {
+  await rig.prepare();
+  await enter(page, rig, "viewer");
+  await page.getByRole("link", { name: "State" }).click();
+  const cards = page.locator(".cameras .card");
+  await expect(cards).toHaveCount(rig.options.cameras);
+  await expect(cards.first()).toContainText("c00: ready");
+  await cards.first().getByText("Settings as read back").click();
+  await expect(cards.first().locator("dl")).toContainText("TriggerSource");
+  await expect(cards.first().locator("dl")).toContainText("Software");
+  const main = page.locator("main");
+  await expect(main).toContainText(/Room for \d+ captures/);
+  await expect(main).toContainText(/Models to be made: \d+/);
+  await expect(main).toContainText(/Background pictures: \d+ (s|min) old/);
 });
 
 test("photographs stand beside the model, and one that is chosen is shown large", async ({ page, rig }) => {
@@ -662,15 +731,21 @@ test("axe finds nothing serious at three sizes, in light and dark, and nothing i
       await expect(page.locator("main h1")).toBeVisible();
       if (part === "look") await expect(page.locator(".looks img")).toHaveCount(rig.options.cameras);
       await page.waitForTimeout(400);
+      if (part === "now") {
+        // Read from three metres: on a tablet of 20 cm such letters are more than 1 cm high.
+        const size = await page.locator(".now h1").evaluate((heading) => parseFloat(getComputedStyle(heading).fontSize));
+        expect(size / width, `the sign's word at ${width}`).toBeGreaterThan(0.06);
+      }
       const found = await new AxeBuilder({ page }).analyze();
       const serious = found.violations.filter(({ impact }) => ["serious", "critical"].includes(impact));
       expect(serious.map(({ id, nodes }) => `${part} ${width} ${id}: ${nodes[0].html}`)).toEqual([]);
       const wide = await page.evaluate(() => document.documentElement.scrollWidth - innerWidth);
       expect(wide, `${part} at ${width}`).toBeLessThanOrEqual(0);
       const small = await page.evaluate(() =>
-        [...document.querySelectorAll("button, input, select, nav a")]
-          .filter((target) => target.getClientRects().length > 0 && target.getBoundingClientRect().height < 48)
-          .map((target) => target.outerHTML),
+        [...document.querySelectorAll("button, input, select, summary, a[href]")]
+          .map((target) => [target, target.getBoundingClientRect()])
+          .filter(([target, { width, height }]) => target.getClientRects().length > 0 && Math.min(width, height) < 47.9)
+          .map(([target, { width, height }]) => `${width}x${height}: ${target.outerHTML}`),
       );
       expect(small, `${part} at ${width}`).toEqual([]);
     }
@@ -698,7 +773,10 @@ test("over TLS, with a certificate of the administrator's, the session's cookie 
 });
 
 test("the keyboard alone presses, and the page speaks German", async ({ page, rig }) => {
+  await rig.prepare();
   await enter(page, rig);
+  const before = taken(rig);
+  await sign(page, "ready", "green", "amber", "red");
   await page.getByRole("button", { name: "Deutsch" }).click();
   await expect(page.getByRole("button", { name: "Auslösen" })).toBeVisible();
   await expect(page.locator("html")).toHaveAttribute("lang", "de");
@@ -707,12 +785,25 @@ test("the keyboard alone presses, and the page speaks German", async ({ page, ri
   await expect(page.locator("#placement")).toBeFocused();
   await page.keyboard.press("Tab");
   await expect(page.getByRole("button", { name: "Auslösen" })).toBeFocused();
+  await page.keyboard.press("Enter");
+  await expect(page.locator(".do > .told")).toContainText("ist sicher gespeichert");
+  expect(taken(rig)).toBe(before + 1);
   await page.getByRole("button", { name: "English" }).click();
 });
 
-test("a session that is revoked is over at once, and its page says so", async ({ page, rig, expected }) => {
+test("a session that is revoked is over at once, its page says so, and its secrets are nowhere", async ({ page, rig, expected }) => {
   expected.push("401");
-  await enter(page, rig);
+  const link = rig.link();
+  await page.goto(link);
+  await expect(page.locator("nav")).toBeVisible();
+  const [cookie] = await page.context().cookies();
+  const secrets = [link.split("#pair=")[1], cookie.value];
+  const files = ["page.log", "daemon.log", "rig.toml", "page.toml", "page-state/sessions.json"];
+  const recordings = readdirSync(rig.path("recordings")).filter((name) => /\.(mcap|jsonl)/.test(name));
+  for (const name of [...files, ...recordings.map((recording) => `recordings/${recording}`)]) {
+    const bytes = readFileSync(rig.path(name));
+    expect(secrets.filter((secret) => bytes.includes(secret)), name).toEqual([]);
+  }
   rig.scand("page", "revoke", "--all", "--config", "page.toml");
   await expect(page.locator("pre")).toHaveText("scand page pair", { timeout: 20_000 });
   const kept = readFileSync(rig.path("page-state/sessions.json"), "utf8");
