@@ -241,6 +241,8 @@ test("a daemon that is away, a full disk, a camera that is away and a red model 
   await enter(page, rig);
   await rig.stop("daemon");
   await sign(page, "away");
+  const health = await page.request.get(`http://127.0.0.1:${rig.port}/healthz`);
+  expect([health.status(), await health.text()]).toEqual([503, "the daemon does not answer\n"]);
   rig.options.keepFree = 900_000_000;
   await rig.startDaemon();
   await sign(page, "disk_full");
