@@ -320,7 +320,7 @@ fn metrics_want_their_token_and_health_tells_no_names() {
     assert_eq!(found.status, 200);
     assert!(found.body.contains("scand_presses_total"), "{}", found.body);
     until("not healthy", || page.get("/healthz", "").status == 200);
-    assert!(page.get("/healthz", "").body.ends_with("ok\n"));
+    assert_eq!(page.get("/healthz", "").body, "ok\n");
 }
 
 #[test]
