@@ -6,7 +6,7 @@ RECORDING ?= recordings/cup.mcap
 # The test programs that differ with the features of the rig; `make check` runs the others.
 RIG_TESTS = $(addprefix --test ,digests fleet gige openni2 rig service workers)
 
-.PHONY: help demo rig-demo ui page-demo page-test page-bench fleet-test fleet-bench fleet-presses fuse-times fleet-simulation fleet-demo deps check test calibration-trial calibration-against-opencv error-trial verdict-trial fusion-trial bench deb deb-test rig-vm torture interop kinect-driver
+.PHONY: help demo rig-demo ui page-demo page-test page-bench page-load fleet-test fleet-bench fleet-presses fuse-times fleet-simulation fleet-demo deps check test calibration-trial calibration-against-opencv error-trial verdict-trial fusion-trial bench deb deb-test rig-vm torture interop kinect-driver
 
 help: ## list the targets
 	@sed -n 's/^\([a-z-]*\):.*## /\1\t/p' $(MAKEFILE_LIST) | expand -t 16
@@ -21,7 +21,7 @@ rig-demo: deps ## run the daemon with a simulated rig on this machine, and make 
 ui: ## build the operator's page into ui/dist, from where the feature `page` takes it (npm; Node 18 or later)
 	scripts/ui.sh
 
-page-demo: ui ## a simulated rig, the daemon and the operator's page on this machine; prints a link for a browser
+page-demo: ui ## a simulated rig, the daemon and the operator's page on this machine; prints a link for a browser (PICTURES=docs takes the pictures of docs/operating.md)
 	$(CARGO) build --release --locked --features aravis,page
 	SCAND=target/release/scand node ui/demo.mjs
 
@@ -32,6 +32,10 @@ page-test: ui ## try the page with Debian's Chromium, the daemon and a simulated
 page-bench: ui ## how much later captures are taken because of the page, and what it needs (PRESSES=200, MINUTES=10; SCAND=PROGRAM)
 	$(if $(SCAND),,$(CARGO) build --release --locked --package scand --features aravis,page)
 	SCAND=$(or $(SCAND),target/release/scand) node ui/bench.mjs
+
+page-load: ui ## how long Chromium held to 20 Mbit/s takes until it shows a model (LOADS=4, RESOLUTION=240; SCAND=PROGRAM)
+	$(if $(SCAND),,$(CARGO) build --release --locked --package scand --features aravis,page)
+	SCAND=$(or $(SCAND),target/release/scand) node ui/load.mjs
 
 fleet-test: ## make models by workers while workers and servers are killed (N=20 repeats it with other seeds; Debian's nats-server)
 	SCAND_TORTURE=$(or $(N),1) $(CARGO) test --locked --package scand --features fleet --test fleet -- --nocapture --test-threads 2

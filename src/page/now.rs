@@ -257,6 +257,7 @@ impl Now {
             }
             Event::Durable { capture, recording } => {
                 self.place(capture, recording);
+                self.change_object(capture, at);
                 self.show(capture, Sign::Safe, &[], at);
             }
             Event::Failed { capture, reason } => {
@@ -283,7 +284,7 @@ impl Now {
                 recording.iter().for_each(|file| self.place(capture, file));
                 self.show(capture, Sign::ModelFailed, std::slice::from_ref(reason), at);
             }
-            Event::Note { capture, kind, .. } => self.decide(capture, kind),
+            Event::Note { capture, kind, .. } => self.decide(capture, kind, at),
             Event::Ending => self.set_status(None, at),
             _ => self.objects.hear(event, at),
         }
@@ -314,7 +315,7 @@ impl Now {
         }
     }
 
-    fn decide(&mut self, capture: &str, kind: &str) {
+    fn decide(&mut self, capture: &str, kind: &str, at: Instant) {
         let decision = match kind {
             "accept" => Some("accepted"),
             "reject" => Some("rejected"),
@@ -324,6 +325,16 @@ impl Now {
         let mut captures = self.captures.iter_mut().rev();
         if let Some(seen) = captures.find(|seen| seen.capture == capture) {
             seen.decision = decision;
+        }
+        self.change_object(capture, at);
+    }
+
+    /// What was told of a capture's object does not take into account what became of that capture now.
+    fn change_object(&mut self, capture: &str, at: Instant) {
+        let mut captures = self.captures.iter().rev();
+        let seen = captures.find(|seen| seen.capture == capture);
+        if let Some(subject) = seen.and_then(|seen| seen.subject.as_deref()) {
+            self.objects.change(subject, at);
         }
     }
 

@@ -229,6 +229,32 @@ fn an_attempt_that_was_taken_once_more_and_one_whose_end_was_not_heard_are_not_i
 }
 
 #[test]
+fn a_note_on_a_capture_makes_what_was_told_of_its_object_old() {
+    let at = Instant::now();
+    let later = at + Duration::from_secs(1);
+    let mut now = ready(at);
+    for line in [
+        r#"{"type":"accepted","capture":"a-0001","subject":"7"}"#,
+        r#"{"type":"durable","capture":"a-0001","recording":"/r/a.mcap"}"#,
+        r#"{"type":"accepted","capture":"a-0002","subject":"7"}"#,
+        r#"{"type":"durable","capture":"a-0002","recording":"/r/a.mcap"}"#,
+        r#"{"type":"fused","subject":"7","capture":"a-0002","verdict":"green","reasons":[],"left_out":[],
+            "model":"/m/a/7.object"}"#,
+    ] {
+        heard(&mut now, line, at);
+    }
+    let is_old = |now: &Now| now.snapshot(later)["object"]["fused"]["is_old"] == true;
+    assert!(!is_old(&now));
+    // Words change nothing; a reject does.
+    let note =
+        |kind: &str| format!(r#"{{"type":"note","capture":"a-0001","kind":"{kind}","text":"x"}}"#);
+    heard(&mut now, &note("text"), later);
+    assert!(!is_old(&now));
+    heard(&mut now, &note("reject"), later);
+    assert!(is_old(&now));
+}
+
+#[test]
 fn captures_are_kept_for_a_later_process_and_none_is_shown_as_if_it_were_so_now() {
     let at = Instant::now() + OLDEST;
     let mut now = ready(at);

@@ -20,6 +20,8 @@ pub(super) struct Objects {
 
 struct Object {
     subject: String,
+    /// When a capture of it was taken, accepted or rejected last.
+    changed: Option<Instant>,
     registered: Option<(Instant, Value)>,
     fused: Option<(Instant, Value)>,
 }
@@ -69,6 +71,14 @@ impl Objects {
         }
     }
 
+    /// Takes in that a capture of an object was taken, accepted or rejected: what was told before is not about that.
+    pub(super) fn change(&mut self, subject: &str, at: Instant) {
+        let mut told = self.told.iter_mut();
+        if let Some(object) = told.find(|object| object.subject == subject) {
+            object.changed = Some(at);
+        }
+    }
+
     /// The last model that was made again, or why it was not.
     pub(super) fn remade(&self, at: Instant) -> Option<Value> {
         self.remade.as_ref().map(|told| aged(told, at))
@@ -83,6 +93,7 @@ impl Objects {
         let object = known.and_then(|place| self.told.remove(place));
         let object = object.unwrap_or_else(|| Object {
             subject: subject.into(),
+            changed: None,
             registered: None,
             fused: None,
         });
@@ -92,10 +103,16 @@ impl Objects {
     }
 
     /// What is known of an object, with ages in milliseconds: `Level` as text, the model's folder as recording and
-    /// name.
+    /// name, and whether something changed since (`is_old`).
     pub(super) fn of(&self, subject: &str, at: Instant) -> Option<Value> {
         let object = self.told.iter().find(|object| object.subject == subject)?;
-        let aged = |told: &Option<(Instant, Value)>| told.as_ref().map(|told| aged(told, at));
+        let aged = |told: &Option<(Instant, Value)>| {
+            told.as_ref().map(|told| {
+                let mut value = aged(told, at);
+                value["is_old"] = (object.changed > Some(told.0)).into();
+                value
+            })
+        };
         Some(
             json!({ "subject": subject, "registered": aged(&object.registered), "fused": aged(&object.fused) }),
         )
@@ -156,6 +173,36 @@ mod tests {
         heard(&mut objects, remade, at);
         let told = objects.remade(at).unwrap();
         assert_eq!(told["folder"], json!(["a", "a-0001.remake-1"]));
+    }
+
+    #[test]
+    fn what_was_told_before_a_capture_was_taken_or_rejected_is_old() {
+        let at = Instant::now();
+        let later = |s| at + Duration::from_secs(s);
+        let mut objects = Objects::default();
+        // Of an object that nothing was told of, nothing is old.
+        objects.change("7", at);
+        assert!(objects.of("7", at).is_none());
+        let registered = r#"{"type":"registered","subject":"7","capture":"a-0002","verdict":"green","words":"w",
+            "left_out":[],"unseen_percent":9}"#;
+        let fused = r#"{"type":"fused","subject":"7","capture":"a-0002","verdict":"green","reasons":[],"left_out":[],
+            "model":"/m/a/7.object"}"#;
+        heard(&mut objects, registered, at);
+        heard(&mut objects, fused, at);
+        let old = |objects: &Objects| {
+            let told = objects.of("7", later(9)).unwrap();
+            [&told["registered"], &told["fused"]].map(|told| told["is_old"] == true)
+        };
+        assert_eq!(old(&objects), [false, false]);
+        objects.change("8", later(1));
+        assert_eq!(old(&objects), [false, false]);
+        objects.change("7", later(1));
+        assert_eq!(old(&objects), [true, true]);
+        // After a reject the model is made again, and what is to be shown next is not told again.
+        heard(&mut objects, fused, later(2));
+        assert_eq!(old(&objects), [true, false]);
+        heard(&mut objects, registered, later(3));
+        assert_eq!(old(&objects), [false, false]);
     }
 
     #[test]

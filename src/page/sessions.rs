@@ -242,6 +242,18 @@ impl Sessions {
         listed.collect()
     }
 
+    /// Every session and link is as old as it may become.
+    #[cfg(test)]
+    pub(super) fn expire_all(&self) {
+        let mut state = self.state.lock();
+        for session in &mut state.sessions {
+            session.ends_s = now_s();
+        }
+        for (_, made) in state.pairings.values_mut() {
+            *made = made.checked_sub(PAIRING).unwrap();
+        }
+    }
+
     fn write(&self, sessions: &[StoredSessions]) -> Result<(), Error> {
         let text = serde_json::to_string_pretty(sessions).unwrap_or_default();
         Ok(write_atomically_for_owner(&self.path, text.as_bytes())?)
@@ -327,6 +339,19 @@ mod tests {
         let secret = sessions.metrics().unwrap();
         sessions.state.lock().sessions[0].begun_s = now_s() + 3600;
         assert_eq!(sessions.role(&secret), None);
+    }
+
+    #[test]
+    fn a_link_that_is_older_than_ten_minutes_begins_nothing() {
+        let folder = tempfile::tempdir().unwrap();
+        let sessions = open(folder.path());
+        let token = sessions.pair(Role::Operator).unwrap();
+        sessions.expire_all();
+        assert!(matches!(
+            sessions.begin(&token, CLIENT),
+            Err(Error::Unknown)
+        ));
+        assert!(sessions.list().is_empty());
     }
 
     #[test]

@@ -4,7 +4,8 @@ use crate::network::alone;
 use crate::stand::{CAMERAS, CAPTURES, Stand, id, milliseconds_after};
 use crossbeam_channel::unbounded;
 use scand::drivers::aravis::{Parameters, TriggerMode};
-use scand::drivers::live::{Backoff, CameraEvent, Fault, supervise};
+use scand::drivers::live::{Backoff, CameraEvent, Device, Fault, supervise};
+use scand::frame::Frame;
 use scand_lab::serve::Shown;
 use std::time::{Duration, Instant};
 
@@ -140,6 +141,66 @@ fn a_line_exposes_without_the_daemon() {
         assert!(frames.is_empty());
         assert!(stats.unwrap().lost[0].contains("no frame arrived"));
     });
+}
+
+#[test]
+fn a_look_at_a_line_shows_what_the_newest_signal_exposed_and_leaves_it_to_a_press() {
+    alone(
+        "frames::a_look_at_a_line_shows_what_the_newest_signal_exposed_and_leaves_it_to_a_press",
+        || {
+            let stand = Stand::new([64, 48]);
+            let parameters = Parameters {
+                trigger: Some(TriggerMode::Line),
+                trigger_source: Some("Line0".into()),
+                ..stand.parameters("c00")
+            };
+            let mut device = stand.open("c00", parameters).unwrap();
+            // A look raises no signal, and does not wait for one.
+            let begin = Instant::now();
+            let (seen, lost) = look(&stand, device.as_mut());
+            assert!(seen.is_empty() && begin.elapsed() < Duration::from_secs(1));
+            assert!(lost[0].contains("no signal came"), "{lost:?}");
+            let sent = |stand: &Stand| stand.rig.served(&id("c00")).unwrap() as usize;
+            assert_eq!(sent(&stand), 0);
+            // A press right after a signal has the frame that a look has shown.
+            for number in 1.. {
+                assert!(number < 20, "no two lines of this test within 40 ms");
+                let begin = Instant::now();
+                assert!(stand.rig.pulse_line(&id("c00")));
+                let picture = (sent(&stand) - 1) % CAPTURES;
+                let seen = loop {
+                    let (seen, _) = look(&stand, device.as_mut());
+                    if !seen.is_empty() {
+                        break seen;
+                    }
+                    assert!(begin.elapsed() < Duration::from_secs(10));
+                };
+                assert!(stand.is_picture(&seen[0], 0, picture));
+                let is_quick = begin.elapsed() < Duration::from_millis(40);
+                let patience = Duration::from_millis(500);
+                let (_, frames, stats) = stand.shoot_within(device.as_mut(), number, patience);
+                if is_quick {
+                    assert_eq!(frames.len(), 1, "{stats:?}");
+                    assert!(stand.is_picture(&frames[0], 0, picture));
+                    assert_eq!(frames[0].timestamp, seen[0].timestamp);
+                    break;
+                }
+            }
+            let (seen, lost) = look(&stand, device.as_mut());
+            assert!(
+                seen.is_empty() && lost[0].contains("no signal came"),
+                "{lost:?}"
+            );
+        },
+    );
+}
+
+/// What a look at a camera gives, and what it says is missing.
+fn look(stand: &Stand, device: &mut dyn Device) -> (Vec<Frame>, Vec<String>) {
+    let mut seen = Vec::new();
+    let shot = stand.shot(1, Duration::from_secs(2));
+    let stats = device.look(&shot, &mut |frame| seen.push(frame));
+    (seen, stats.unwrap().lost)
 }
 
 #[test]

@@ -53,6 +53,8 @@ export interface ObjectTold {
     unseen_percent: number;
     show_next: string | null;
     age_ms: number;
+    /** Whether a capture of the object was taken, accepted or rejected since. */
+    is_old: boolean;
   } | null;
   fused: {
     capture: string;
@@ -61,6 +63,7 @@ export interface ObjectTold {
     left_out: string[];
     folder: [string, string] | null;
     age_ms: number;
+    is_old: boolean;
   } | null;
 }
 

@@ -3,7 +3,7 @@
 import { html, nothing, type TemplateResult } from "lit";
 import * as api from "./api";
 import { Part } from "./element";
-import { date, title, verdict } from "./history";
+import { date, decision, title, verdict } from "./history";
 import { t } from "./words";
 
 interface Model {
@@ -133,7 +133,7 @@ class ComparePart extends Part {
           <option value="" .selected=${this.chosen === ""}>–</option>
           ${this.others.map(
             ({ capture, subject }) =>
-              html`<option value=${capture} .selected=${capture === this.chosen}>${capture}${subject ? ` (${subject})` : ""}</option>`,
+              html`<option value=${capture} .selected=${capture === this.chosen}>${title(capture)}${subject ? ` (${subject})` : ""}</option>`,
           )}
           ${this.earlier.length > 0
             ? html`<optgroup label=${t("compare_earlier")}>${this.earlier.map((earlier) => this.option(earlier))}</optgroup>`
@@ -184,11 +184,11 @@ class ComparePart extends Part {
             <th scope="col">${t("apart_max")}</th>
           </tr>
         </thead>
-        <tbody>${row(this.summary.capture, "a_to_b")} ${row(other.capture, "b_to_a")}</tbody>
+        <tbody>${row(title(this.summary.capture), "a_to_b")} ${row(title(other.capture), "b_to_a")}</tbody>
       </table>
       <p>${words}</p>
       ${elsewhere}
-      <img class="preview" src=${picture} alt=${t("apart_picture", { other: other.capture })} />
+      <img class="preview" src=${picture} alt=${t("apart_picture", { other: title(other.capture) })} />
     `;
   }
 
@@ -198,16 +198,16 @@ class ComparePart extends Part {
       <thead>
         <tr>
           <th scope="col">${t("figures")}</th>
-          <th scope="col"><bdi>${this.summary.capture}</bdi></th>
-          <th scope="col"><a href=${link}><bdi>${other.capture}</bdi></a></th>
+          <th scope="col"><bdi>${title(this.summary.capture)}</bdi></th>
+          <th scope="col"><a href=${link}><bdi>${title(other.capture)}</bdi></a></th>
           <th scope="col">${t("difference")}</th>
         </tr>
       </thead>
       <tbody>
         <tr>
           <th scope="row">${t("verdict")}</th>
-          <td>${verdict(this.summary.verdict)}</td>
-          <td>${verdict(other.verdict)}</td>
+          <td>${verdict(this.summary.verdict)} ${decision(this.summary)}</td>
+          <td>${verdict(other.verdict)} ${decision(other)}</td>
           <td></td>
         </tr>
         ${rows(own, others).map(
@@ -217,7 +217,8 @@ class ComparePart extends Part {
           </tr>`,
         )}
       </tbody>
-    </table>`;
+    </table>
+    <p class="quiet">${t("compare_hint")}</p>`;
   }
 }
 

@@ -128,9 +128,9 @@ class DoPart extends Part {
     }
   }
 
-  private readonly plates = () => {
+  private readonly plates = async () => {
     this.asking = false;
-    void this.during(api.plates());
+    if (await this.during(api.plates())) this.message = t("told_plates");
   };
 
   private readonly begin = async (event: SubmitEvent) => {
@@ -166,9 +166,10 @@ class DoPart extends Part {
             <datalist id="placements">${PLACEMENTS.map((key) => html`<option value=${t(key)}></option>`)}</datalist>
           </div>
         </form>
-        <button class="press" ?disabled=${this.busy || !isConnected} @click=${this.press}>
+        <button class="press" aria-describedby="press-hint" ?disabled=${this.busy || !isConnected} @click=${this.press}>
           ${this.busy ? t("pressing") : t("press")}
         </button>
+        <p class="quiet" id="press-hint">${t("press_hint")}</p>
         <p class="told" role="status">${this.message}</p>
         ${now?.last ? html`<scand-say .capture=${now.last.capture}></scand-say>` : nothing}
         <div class="cards">

@@ -1,5 +1,5 @@
-// "Look": what the cameras see while the rig is set up. Pictures are asked for only while this part is shown, and one that
-// is older than ten seconds is shown no more.
+// "Look": what the cameras see while the rig is set up. Pictures are asked for only while this part is shown. When nothing
+// was heard for ten seconds, none is shown; one that is older than five has a warning.
 import { html, nothing, svg, type SVGTemplateResult, type TemplateResult } from "lit";
 import * as api from "./api";
 import { Part } from "./element";

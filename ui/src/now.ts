@@ -90,22 +90,30 @@ export function backlog(models: { waiting: number; running: unknown[]; expected_
 /** An object of which there are several captures: how these lie, what to show next, and the model of all of them. */
 function object(told: ObjectTold): TemplateResult {
   const { registered, fused } = told;
-  const isOld = fused !== null && registered !== null && fused.capture !== registered.capture;
+  const isOld = fused !== null && (fused.is_old || (registered !== null && fused.capture !== registered.capture));
   return html`
     <section class="card object" aria-label=${t("object_of", { subject: told.subject })}>
       <h2><bdi>${t("object_of", { subject: told.subject })}</bdi></h2>
-      ${registered
-        ? html`
-            <p>${verdict(registered.level)} <bdi>${registered.capture}</bdi>: ${registered.words}</p>
-            <p>${t("object_unseen", { n: registered.unseen_percent })}</p>
-            <p class="next">
-              ${registered.show_next ? t("object_show_next", { side: registered.show_next }) : t("object_shown")}
-            </p>
-            ${list(registered.left_out)}
-          `
-        : nothing}
+      ${registered ? how(registered) : nothing}
       ${fused ? whole(fused, isOld) : nothing}
     </section>
+  `;
+}
+
+/** How the captures lie, and what to show next; of a capture that does not fit the others, that is not known. */
+function how(registered: NonNullable<ObjectTold["registered"]>): TemplateResult {
+  const isLost = registered.level === "red" && registered.show_next === null;
+  const next = registered.show_next ? t("object_show_next", { side: registered.show_next }) : t("object_shown");
+  return html`
+    <p data-registered>
+      ${verdict(registered.level)} <bdi>${registered.capture}</bdi>: <span lang="en">${registered.words}</span>
+      ${registered.is_old ? html`<span class="quiet">${t("object_older")}</span>` : nothing}
+    </p>
+    ${isLost
+      ? html`<p class="next">${t("object_lost")}</p>`
+      : html`<p>${t("object_unseen", { n: registered.unseen_percent })}</p>
+          <p class="next">${next}</p>`}
+    ${list(registered.left_out)}
   `;
 }
 

@@ -145,7 +145,7 @@ calibration = "calibration.toml"
 window_ms = 3000.0
 go_on_without_missing = ${this.options.goOn === true}
 [capture]
-largest_skew_ms = 500.0
+largest_skew_ms = ${(this.options.largestSkew ?? 500).toFixed(6)}
 patience_ms = 2000
 retry = 0
 [recording]

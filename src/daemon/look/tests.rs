@@ -245,10 +245,15 @@ fn a_look_leaves_the_memory_of_a_capture_alone() {
 }
 
 #[test]
-fn a_rig_with_a_camera_that_waits_for_a_signal_shows_none() {
+fn beside_cameras_that_wait_for_a_signal_only_depth_cameras_are_asked_for_pictures() {
     let folder = tempfile::tempdir().unwrap();
     let program = program(folder.path(), SHOWS);
-    let cameras_of_the_rig = [("line0", CameraKind::Color), ("c01", CameraKind::Color)];
+    let cameras_of_the_rig = [
+        ("line0", CameraKind::Color),
+        ("c01", CameraKind::Color),
+        ("k0", CameraKind::Depth),
+        ("k1", CameraKind::DepthInTurn),
+    ];
     let bench = start_at(
         Clock::system(),
         &cameras_of_the_rig,
@@ -261,9 +266,50 @@ fn a_rig_with_a_camera_that_waits_for_a_signal_shows_none() {
             });
         },
     );
-    let seen = look_until(&bench, |seen| cameras(seen, false).len() == 2);
+    let seen = look_until(&bench, |seen| {
+        cameras(seen, false).len() == 2 && cameras(seen, true).len() == 2
+    });
+    assert_eq!(cameras(&seen, true), ["k0", "line0"]);
     assert!(words_of(&seen, "c01")[0].contains("line0"), "{seen:?}");
-    assert!(cameras(&seen, true).is_empty());
+    assert!(words_of(&seen, "k1")[0].contains("take_turns"), "{seen:?}");
+}
+
+/// Begins a look that gives nothing, and waits for its end as a trigger does: by how many milliseconds the trigger is
+/// later than the look, and how long the wait was.
+fn milliseconds_of_a_trigger(cameras: &[(&str, CameraKind)], at_most: Duration) -> (f64, f64) {
+    let clock = Clock::system();
+    let pool = Pool::new(4_000_000);
+    let (mut rig, behaviours) = rig(clock, 0, cameras, &pool);
+    while rig
+        .states()
+        .any(|(_, _, state)| !matches!(state, State::Ready(_)))
+    {
+        let message = rig.events().recv_timeout(Duration::from_secs(30)).unwrap();
+        rig.note(message);
+    }
+    let silent = Behaviour::Silent as u32;
+    behaviours["k0"].store(silent, std::sync::atomic::Ordering::Relaxed);
+    let begun = clock.timestamp();
+    assert!(rig.begin_look(&CameraId::new("k0").unwrap(), at_most));
+    let (trigger, _) = rig.end_look(&Watchdog::default().heartbeat("test"));
+    let ended = clock.timestamp();
+    let after = |time: Timestamp| time.nanoseconds_since(begun) as f64 / 1e6;
+    (after(trigger), after(ended))
+}
+
+#[test]
+fn what_a_signal_exposed_while_a_picture_was_in_transfer_belongs_to_the_trigger_that_waited() {
+    // One trigger waits for the picture, and its cameras with it.
+    let free = [("c00", CameraKind::Color), ("k0", CameraKind::Depth)];
+    let (trigger, waited) = milliseconds_of_a_trigger(&free, Duration::from_millis(60));
+    assert!(trigger >= 60.0 && waited >= trigger, "{trigger} {waited}");
+    // A signal does not wait: the trigger is as old as the wait, which is shorter than was allowed.
+    let signalled = [("line0", CameraKind::Color), ("k0", CameraKind::Depth)];
+    let (trigger, waited) = milliseconds_of_a_trigger(&signalled, Duration::from_secs(600));
+    assert!(
+        trigger < 500.0 && (500.0..60_000.0).contains(&waited),
+        "{trigger} {waited}"
+    );
 }
 
 #[test]

@@ -1,10 +1,11 @@
 //! Pictures that are taken to be looked at, one camera at a time and never recorded. A shot waits for the picture that
-//! is in transfer, and for no other.
+//! is in transfer, and for no other. Cameras that a signal triggers do not wait, so beside them only depth cameras are
+//! asked for pictures: the signal's frames are kept until the shot comes, and a burst may begin later.
 
 use super::{CameraKind, Rig, State};
 use crate::daemon::systemd::Heartbeat;
 use crate::drivers::live::{Fault, Shot};
-use crate::frame::{CameraId, Frame};
+use crate::frame::{CameraId, Frame, Timestamp};
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -12,6 +13,9 @@ use std::time::{Duration, Instant};
 
 /// How much longer than its camera's last one a picture may take while a press waits for it.
 const GRACE: Duration = Duration::from_millis(100);
+/// How long a picture may take where a signal triggers cameras. A capture's window runs meanwhile, and no second signal
+/// would come.
+const LONGEST_BESIDE_SIGNALS: Duration = Duration::from_millis(500);
 
 /// What came of a look at a camera.
 #[derive(Debug)]
@@ -40,12 +44,6 @@ struct InTransfer {
 impl Rig {
     /// Why no picture of a camera can be taken for a look now, in words; `None` if one can.
     pub(in crate::daemon) fn cannot_look(&self, id: &CameraId) -> Option<String> {
-        if let Some((camera, _)) = self.cameras.iter().find(|(_, c)| c.needs_signal) {
-            return Some(format!(
-                "camera {camera} takes pictures only at the signal on its line, and a look would keep that waiting: press \
-                 to see pictures"
-            ));
-        }
         let camera = self.cameras.get(id)?;
         match (&camera.state, camera.kind) {
             (State::Opening, _) => Some("it has not been opened yet".into()),
@@ -53,8 +51,19 @@ impl Rig {
             (State::Ready(_), CameraKind::DepthInTurn) => Some(
                 "it runs only while a capture is taken, because depth cameras take turns (take_turns)".into(),
             ),
+            (State::Ready(_), CameraKind::Color) if !camera.needs_signal => {
+                let (signalled, _) = self.cameras.iter().find(|(_, c)| c.needs_signal)?;
+                Some(format!(
+                    "the signal on the line of camera {signalled} does not wait for a look, and then this camera would \
+                     expose too late: press to see pictures"
+                ))
+            }
             (State::Ready(_), CameraKind::Color | CameraKind::Depth) => None,
         }
+    }
+
+    fn has_signals(&self) -> bool {
+        self.cameras.values().any(|camera| camera.needs_signal)
     }
 
     /// Asks a camera for a picture, which is there `at_most` so long later; false if one is in transfer already, or the
@@ -66,12 +75,16 @@ impl Rig {
         let Some(camera) = self.cameras.get(id) else {
             return false;
         };
+        let longest = match self.has_signals() {
+            true => LONGEST_BESIDE_SIGNALS,
+            false => Duration::MAX,
+        };
         self.shots += 1;
         let begun = self.clock.now();
         let shot = Shot {
             number: self.shots,
             trigger: self.clock.timestamp(),
-            deadline: begun + at_most,
+            deadline: begun + at_most.min(longest),
             clock: self.clock,
             abandoned: Arc::new(AtomicBool::new(false)),
         };
@@ -103,8 +116,13 @@ impl Rig {
 
     /// Waits until no picture is in transfer: until the end of the one that is, but not much longer than the camera
     /// took for the one before, for it may never come. The picture itself is dropped.
-    /// Returns the cameras whose state changed meanwhile.
-    pub(in crate::daemon) fn end_look(&mut self, heartbeat: &Heartbeat) -> BTreeSet<CameraId> {
+    /// Returns the time of the trigger that waits, and the cameras whose state changed meanwhile. Where a signal triggers
+    /// cameras, the trigger is as old as the wait is long, so that what the signal exposed still belongs to it.
+    pub(in crate::daemon) fn end_look(
+        &mut self,
+        heartbeat: &Heartbeat,
+    ) -> (Timestamp, BTreeSet<CameraId>) {
+        let heard = self.clock.timestamp();
         let mut changed = BTreeSet::new();
         while let Some(look) = &self.looking.now {
             heartbeat.tick();
@@ -125,7 +143,11 @@ impl Rig {
             }
         }
         self.looking.done = None;
-        changed
+        let trigger = match self.has_signals() {
+            true => heard,
+            false => self.clock.timestamp(),
+        };
+        (trigger, changed)
     }
 
     /// Notes the end of a look, if it is the one that is in transfer.

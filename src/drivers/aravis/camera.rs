@@ -213,6 +213,16 @@ impl OpenCamera {
         outcome.map(|()| stats)
     }
 
+    fn look(&mut self, shot: &Shot, take: &mut dyn FnMut(Frame)) -> Result<ShotStats, Fault> {
+        if self.mode() != TriggerMode::Line {
+            return self.shoot(shot, take);
+        }
+        self.in_control()?;
+        let mut stats = ShotStats::default();
+        self.look_at_line(&mut stats, take);
+        Ok(stats)
+    }
+
     fn idle(&mut self) -> Result<(), Fault> {
         match self.mode() {
             TriggerMode::Software | TriggerMode::Action => self.drain(&mut ShotStats::default()),
@@ -279,6 +289,10 @@ impl Device for OpenedCamera {
 
     fn shoot(&mut self, shot: &Shot, take: &mut dyn FnMut(Frame)) -> Result<ShotStats, Fault> {
         self.0.as_mut().ok_or_else(nobody)?.shoot(shot, take)
+    }
+
+    fn look(&mut self, shot: &Shot, take: &mut dyn FnMut(Frame)) -> Result<ShotStats, Fault> {
+        self.0.as_mut().ok_or_else(nobody)?.look(shot, take)
     }
 
     fn idle(&mut self) -> Result<(), Fault> {

@@ -8,7 +8,7 @@ use super::features::no_answer;
 use super::gvcp;
 use super::parameters::ExposureMark;
 use super::stream::Arrival;
-use crate::drivers::live::{Fault, LINE_LEAD, Shot, ShotStats};
+use crate::drivers::live::{Fault, LINE_LEAD, NO_SIGNAL, Shot, ShotStats};
 use crate::frame::{Frame, Stream, Timestamp};
 use aravis::Buffer;
 use aravis::prelude::*;
@@ -79,11 +79,23 @@ impl OpenCamera {
         }
     }
 
-    /// Hands a frame over.
+    /// Hands a frame over, and its memory back.
     fn deliver(
         &self,
         time: Timestamp,
         buffer: Buffer,
+        stats: &mut ShotStats,
+        take: &mut dyn FnMut(Frame),
+    ) {
+        self.hand_copy(time, &buffer, stats, take);
+        self.frames.give_back(buffer);
+    }
+
+    /// Hands a copy of a frame over.
+    fn hand_copy(
+        &self,
+        time: Timestamp,
+        buffer: &Buffer,
         stats: &mut ShotStats,
         take: &mut dyn FnMut(Frame),
     ) {
@@ -258,6 +270,16 @@ impl OpenCamera {
         }
         let came = came || self.await_triggered(shot, (earliest, None), stats, take)?;
         self.miss(came, shot, stats)
+    }
+
+    /// Hands over a copy of the newest frame that a signal of the line started. It raises none, and the frame stays
+    /// where the next shot finds it.
+    pub(super) fn look_at_line(&mut self, stats: &mut ShotStats, take: &mut dyn FnMut(Frame)) {
+        self.keep_newest(stats);
+        match self.kept.back() {
+            Some((time, buffer)) => self.hand_copy(*time, buffer, stats, take),
+            None => stats.lost.push(NO_SIGNAL.into()),
+        }
     }
 
     /// The last frame before the trigger and the first from then on.

@@ -192,18 +192,17 @@ impl Frames {
         self.layout.size[0] as usize * self.layout.format.bytes_per_pixel().unwrap_or(0) + padding
     }
 
-    /// Copies a whole frame out and hands its memory back; `None` when the pool is used up.
-    pub(super) fn copy(&self, buffer: Buffer, pool: &Pool) -> Option<Picture> {
-        let step = self.step(&buffer);
+    /// Copies a whole frame out; `None` when the pool is used up.
+    pub(super) fn copy(&self, buffer: &Buffer, pool: &Pool) -> Option<Picture> {
+        let step = self.step(buffer);
         let (start, length) = buffer.data();
         let copied = pool.take(length).map(|mut memory| {
             // SAFETY: the library's contract (arv_buffer_get_data): `length` bytes at `start` are the frame, and live
-            // as long as the buffer, which is ours alone until it is handed back below.
+            // as long as the buffer, which is ours alone until it is handed back.
             let bytes = unsafe { std::slice::from_raw_parts(start, length) };
             memory.write(bytes);
             memory.freeze()
         });
-        self.give_back(buffer);
         Some(Picture::Raw {
             width: self.layout.size[0],
             height: self.layout.size[1],

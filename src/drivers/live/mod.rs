@@ -20,3 +20,7 @@ pub use supervisor::{
 /// How much earlier than the daemon's trigger an electrical signal may start the exposure: the press takes that long
 /// through the switch, USB and the socket.
 pub const LINE_LEAD: Duration = Duration::from_millis(50);
+
+/// What a look says of a camera that waits for a signal of its line.
+pub const NO_SIGNAL: &str = "no signal came on its line since it was opened or a capture was taken: a signal without a \
+                             press shows a picture here and records nothing";

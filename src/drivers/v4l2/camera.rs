@@ -5,7 +5,9 @@ use super::frame::{self, ExpectedFrame, WholeFrame};
 use super::parameters::{Parameters, TriggerMode};
 use super::{jpeg, settings};
 use crate::clock::Clock;
-use crate::drivers::live::{CameraInfo, Device, Driver, Fault, LINE_LEAD, Pool, Shot, ShotStats};
+use crate::drivers::live::{
+    CameraInfo, Device, Driver, Fault, LINE_LEAD, NO_SIGNAL, Pool, Shot, ShotStats,
+};
 use crate::frame::{CameraId, Frame, Picture, Stream, Timestamp};
 use crate::words::count;
 use std::collections::VecDeque;
@@ -101,6 +103,20 @@ impl Device for Camera {
             }
         }
         self.hand_over(shot, &mut stats, take)?;
+        Ok(stats)
+    }
+
+    fn look(&mut self, shot: &Shot, take: &mut dyn FnMut(Frame)) -> Result<ShotStats, Fault> {
+        if self.driver.parameters.trigger() == TriggerMode::FreeRun {
+            return self.shoot(shot, take);
+        }
+        self.drain(&mut ShotStats::default())?;
+        let mut stats = ShotStats::default();
+        // What the newest signal exposed; it stays where the next shot finds it.
+        match self.kept.back() {
+            Some(newest) => self.hand_copy(newest, &mut stats, take),
+            None => stats.lost.push(NO_SIGNAL.into()),
+        }
         Ok(stats)
     }
 
@@ -266,23 +282,28 @@ impl Camera {
         for (i, kept) in std::mem::take(&mut self.kept).into_iter().enumerate() {
             // Two frames may have come since the trigger: the second is of no use.
             if first.is_none_or(|first| i <= first) {
-                match self.picture(&kept) {
-                    Some(picture) => take(Frame {
-                        camera: self.driver.id.clone(),
-                        stream: Stream::Color,
-                        timestamp: kept.time,
-                        picture,
-                    }),
-                    None => stats
-                        .lost
-                        .push("no memory for a frame: raise capture.memory_mb".into()),
-                }
+                self.hand_copy(&kept, stats, take);
             } else {
                 stats.unused += 1;
             }
             self.give_back(kept.filled)?;
         }
         Ok(())
+    }
+
+    /// Hands a copy of a frame over.
+    fn hand_copy(&self, kept: &KeptFrame, stats: &mut ShotStats, take: &mut dyn FnMut(Frame)) {
+        match self.picture(kept) {
+            Some(picture) => take(Frame {
+                camera: self.driver.id.clone(),
+                stream: Stream::Color,
+                timestamp: kept.time,
+                picture,
+            }),
+            None => stats
+                .lost
+                .push("no memory for a frame: raise capture.memory_mb".into()),
+        }
     }
 
     /// The one copy of a frame: from the kernel's memory into the pool's.

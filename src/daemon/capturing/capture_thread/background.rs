@@ -17,10 +17,10 @@ impl CaptureThread {
     pub(super) fn take_backgrounds(&mut self) -> Result<String, String> {
         self.wait_for_opening();
         self.check_capacity()?;
-        self.end_look();
+        let time = self.end_look();
         let trigger = Trigger {
             id: CaptureId::new("background").map_err(|e| e.to_string())?,
-            time: self.rig.clock().timestamp(),
+            time,
             source: "background".into(),
             press_id: None,
             subject: None,

@@ -4,7 +4,7 @@
 use super::CaptureThread;
 use crate::daemon::look::{CameraLook, LookTask};
 use crate::daemon::rig::{RigLook, State};
-use crate::frame::{CameraId, Stream};
+use crate::frame::{CameraId, Stream, Timestamp};
 use crossbeam_channel::{Receiver, after, never};
 use std::time::{Duration, Instant};
 
@@ -45,11 +45,13 @@ impl CaptureThread {
         }
     }
 
-    /// Waits for the end of the picture that is in transfer, if one is.
-    pub(super) fn end_look(&mut self) {
-        for camera in self.rig.end_look(&self.heartbeat) {
+    /// Waits for the end of the picture that is in transfer, if one is; the time of the trigger that waits.
+    pub(super) fn end_look(&mut self) -> Timestamp {
+        let (trigger, changed) = self.rig.end_look(&self.heartbeat);
+        for camera in changed {
             self.tell_state(camera);
         }
+        trigger
     }
 
     /// Whose turn is next, and when.

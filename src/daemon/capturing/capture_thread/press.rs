@@ -35,10 +35,10 @@ impl CaptureThread {
     }
 
     fn take(&mut self, id: CaptureId, asked: &Press) -> FinishedCapture {
-        self.end_look();
+        let time = self.end_look();
         let trigger = Trigger {
             id,
-            time: self.rig.clock().timestamp(),
+            time,
             source: asked.source.clone(),
             press_id: asked.press_id.clone(),
             subject: asked.subject.clone(),
