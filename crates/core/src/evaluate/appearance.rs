@@ -103,7 +103,7 @@ impl Normals {
 
     /// Whether the normals within a cube's edge differ as they do where faces meet.
     fn is_edge(&self, p: Point3<f64>) -> bool {
-        let (mut sum, mut count) = (Vector3::zeros(), 0.0);
+        let (mut sum, mut count): (Vector3<f64>, f64) = (Vector3::zeros(), 0.0);
         for index in self.points.within_an_edge(p) {
             sum += self.normals[index];
             count += 1.0;

@@ -1,9 +1,10 @@
 //! Pieces of a model that no silhouette requires: wherever a camera has such a piece in its picture, other pieces cover
 //! the same part of the silhouette. It may be an object, or a phantom that lies beyond the frames or where cones meet
-//! beside the object. Nothing here removes a piece.
+//! beside the object. A part that leaves the frame of a camera whose silhouette is cut there is a piece of its own.
+//! Nothing here removes a piece.
 
 use super::readings::{Readings, beneath};
-use crate::mesh::{Bvh, Components, bounding_box, components, extract, rasterize};
+use crate::mesh::{Bvh, Components, Mesh, bounding_box, components, extract, rasterize};
 use crate::reconstruct::hull::Cone;
 use crate::reconstruct::{Model, Provenance};
 use nalgebra::{Point3, Vector3};
@@ -13,12 +14,14 @@ use rayon::prelude::*;
 const CELLS: f32 = 400.0;
 /// Share of the cells that a piece covers which it must cover alone to be required: contours that err leave seams.
 const LEAST_ALONE: f64 = 0.05;
+/// Share of the whole area below which a part beyond a frame is not judged: the grids are too coarse for a sliver.
+const LEAST_AREA: f64 = 0.01;
 /// Share of a piece's vertices from which on the piece counts as read by a depth camera.
 const LEAST_READ: f64 = 0.05;
 /// Cosine between normal and view from which on a place faces a depth camera.
 const FACING: f64 = 0.15;
-/// Share of the way to the rest of the model that is stated as expected error: the way is a bound, for the piece may be a
-/// phantom.
+/// Share of the way to the rest of the model that is stated as expected error: the way is a bound, for the piece may be
+/// a phantom.
 const OF_WAY: f64 = 0.5;
 /// The first value of a pixel that is object, or of which a camera says nothing.
 const IS_SET: u8 = 128;
@@ -26,7 +29,7 @@ const IS_SET: u8 = 128;
 /// A piece of a model that no silhouette requires.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
 pub struct UnrequiredPiece {
-    /// Cubic metres.
+    /// Cubic metres; of a part beyond a frame those beyond it.
     pub volume: f64,
     /// Its lowest and highest corner in the rig's frame, in metres.
     pub bounds: [[f32; 3]; 2],
@@ -41,51 +44,156 @@ pub fn mark_unrequired(
     cones: &[Cone],
     readings: &[Readings],
 ) -> Vec<UnrequiredPiece> {
-    let found = components(&model.mesh);
-    let smallest_first = smallest_first(&found);
-    if smallest_first.len() < 2 {
+    let pieces = Pieces::of(&model.mesh, cones);
+    if pieces.smallest_first.len() < 2 {
         return Vec::new();
     }
-    let triangles = triangles_of(model, &found, &smallest_first);
+    let triangles = pieces.triangles();
     let pictures = cones.par_iter().map(|cone| {
         let cells = covered(cone, &model.mesh.vertices, &triangles);
         Picture::new(cells)
     });
     let pictures: Vec<Picture> = pictures.collect();
-    let is_read: Vec<bool> = smallest_first
+    let is_read: Vec<bool> = pieces
+        .smallest_first
         .iter()
-        .map(|&piece| is_read(model, &found, piece, readings))
+        .map(|&piece| is_read(model, &pieces.found, piece, readings))
         .collect();
-    let unrequired = unrequired(pictures, &is_read);
-    let pieces: Vec<u32> = unrequired.iter().map(|&i| smallest_first[i]).collect();
-    mark(model, &found, &pieces);
-    let describe = |&piece: &u32| describe(model, &found, piece);
-    pieces.iter().rev().filter_map(describe).collect()
+    let found: Vec<u32> = unrequired(pictures, &is_read)
+        .into_iter()
+        .map(|place| pieces.smallest_first[place])
+        .collect();
+    mark(model, &pieces, &found);
+    let describe = |&piece: &u32| pieces.describe(piece);
+    found.iter().rev().filter_map(describe).collect()
 }
 
-/// The pieces that are solid, which cavities are not, by their volume.
-fn smallest_first(found: &Components) -> Vec<u32> {
-    let volume = |piece: u32| found.parts[piece as usize].volume;
-    let all = 0..found.parts.len() as u32;
-    let mut pieces: Vec<u32> = all.filter(|&piece| volume(piece) > 0.0).collect();
-    pieces.sort_by(|&a, &b| volume(a).total_cmp(&volume(b)));
-    pieces
+/// A surface in pieces: its separate parts, each divided where it leaves the frame of a camera whose silhouette is cut.
+struct Pieces {
+    /// The surface without the triangles between pieces.
+    mesh: Mesh,
+    found: Components,
+    /// Their volumes in cubic metres, closed where they were divided.
+    volumes: Vec<f64>,
+    /// Those that are judged, by their area.
+    smallest_first: Vec<u32>,
 }
 
-/// The triangles of each of the `pieces`.
-fn triangles_of(model: &Model, found: &Components, pieces: &[u32]) -> Vec<Vec<[u32; 3]>> {
-    let mut places: Vec<Option<usize>> = vec![None; found.parts.len()];
-    for (place, &piece) in pieces.iter().enumerate() {
-        places[piece as usize] = Some(place);
-    }
-    let mut triangles = vec![Vec::new(); pieces.len()];
-    for triangle in &model.mesh.triangles {
-        let label = found.labels[triangle[0] as usize];
-        if let Some(&Some(place)) = places.get(label as usize) {
-            triangles[place].push(*triangle);
+impl Pieces {
+    fn of(surface: &Mesh, cones: &[Cone]) -> Self {
+        let cut: Vec<&Cone> = cones.iter().filter(|cone| is_cut(cone)).collect();
+        let leaves = |p: &Point3<f32>| cut.iter().any(|cone| !is_framed(cone, p.cast()));
+        let leaving: Vec<bool> = surface.vertices.par_iter().map(leaves).collect();
+        let is_of_one = |triangle: &&[u32; 3]| {
+            let [a, b, c] = triangle.map(|v| leaving[v as usize]);
+            a == b && b == c
+        };
+        let triangles = surface.triangles.iter().filter(is_of_one).copied();
+        let mesh = Mesh {
+            vertices: surface.vertices.clone(),
+            triangles: triangles.collect(),
+        };
+        let found = components(&mesh);
+        let borders = borders(surface, &found);
+        let volumes = volumes(&mesh, &found, &borders);
+        let area = |piece: u32| found.parts[piece as usize].area;
+        let all = 0..found.parts.len() as u32;
+        let whole: f64 = all.clone().map(area).sum();
+        // A cavity is no solid.
+        let is_judged = |&piece: &u32| match borders[piece as usize] {
+            Some(_) => area(piece) >= LEAST_AREA * whole,
+            None => volumes[piece as usize] > 0.0,
+        };
+        let mut smallest_first: Vec<u32> = all.filter(is_judged).collect();
+        smallest_first.sort_by(|&a, &b| area(a).total_cmp(&area(b)));
+        Self {
+            mesh,
+            found,
+            volumes,
+            smallest_first,
         }
     }
-    triangles
+
+    /// The triangles of each piece that is judged.
+    fn triangles(&self) -> Vec<Vec<[u32; 3]>> {
+        let mut places: Vec<Option<usize>> = vec![None; self.found.parts.len()];
+        for (place, &piece) in self.smallest_first.iter().enumerate() {
+            places[piece as usize] = Some(place);
+        }
+        let mut triangles = vec![Vec::new(); self.smallest_first.len()];
+        for triangle in &self.mesh.triangles {
+            let label = self.found.labels[triangle[0] as usize];
+            if let Some(&Some(place)) = places.get(label as usize) {
+                triangles[place].push(*triangle);
+            }
+        }
+        triangles
+    }
+
+    /// A piece as the report tells it.
+    fn describe(&self, piece: u32) -> Option<UnrequiredPiece> {
+        let vertices = self.mesh.vertices.iter().zip(&self.found.labels);
+        let vertices: Vec<Point3<f32>> = vertices
+            .filter(|(_, label)| **label == piece)
+            .map(|(vertex, _)| *vertex)
+            .collect();
+        Some(UnrequiredPiece {
+            volume: self.volumes[piece as usize].max(0.0),
+            bounds: bounding_box(&vertices)?.map(|corner| corner.into()),
+        })
+    }
+}
+
+/// Whether a silhouette reaches the edge of the picture.
+fn is_cut(cone: &Cone) -> bool {
+    let level = cone.level();
+    let last = level.height() - 1;
+    let is_object = |value: &u8| *value >= IS_SET;
+    let ends = |y: usize| [level.row(y).first(), level.row(y).last()];
+    [0, last]
+        .iter()
+        .any(|&y| level.row(y).iter().any(is_object))
+        || (0..=last).any(|y| ends(y).into_iter().flatten().any(is_object))
+}
+
+/// Whether a point is in a camera's picture.
+fn is_framed(cone: &Cone, p: Point3<f64>) -> bool {
+    let projected = cone.camera().project(p);
+    projected.is_some_and(|(pixel, _)| cone.camera().intrinsics.contains(pixel))
+}
+
+/// For each piece the middle of its vertices beside other pieces; `None` where it is closed.
+fn borders(surface: &Mesh, found: &Components) -> Vec<Option<Vector3<f64>>> {
+    let mut sums: Vec<(Vector3<f64>, f64)> = vec![(Vector3::zeros(), 0.0); found.parts.len()];
+    for triangle in &surface.triangles {
+        let labels = triangle.map(|v| found.labels[v as usize]);
+        if labels[0] == labels[1] && labels[1] == labels[2] {
+            continue;
+        }
+        for (vertex, label) in triangle.iter().zip(labels) {
+            if let Some((sum, count)) = sums.get_mut(label as usize) {
+                *sum += surface.vertices[*vertex as usize].coords.cast::<f64>();
+                *count += 1.0;
+            }
+        }
+    }
+    let middle = |(sum, count): (Vector3<f64>, f64)| (count > 0.0).then(|| sum / count);
+    sums.into_iter().map(middle).collect()
+}
+
+/// The volume of each piece in cubic metres, closed by triangles to the middle of its border: a frame's edge is a
+/// plane.
+fn volumes(mesh: &Mesh, found: &Components, borders: &[Option<Vector3<f64>>]) -> Vec<f64> {
+    let mut volumes = vec![0.0; found.parts.len()];
+    for (index, triangle) in mesh.triangles.iter().enumerate() {
+        let piece = found.labels[triangle[0] as usize] as usize;
+        if let (Some(volume), Some(border)) = (volumes.get_mut(piece), borders.get(piece)) {
+            let middle = border.unwrap_or_default();
+            let [a, b, c] = mesh.corners(index).map(|p| p.coords.cast::<f64>() - middle);
+            *volume += a.dot(&b.cross(&c)) / 6.0;
+        }
+    }
+    volumes
 }
 
 /// For each piece, given by its triangles, the cells of a camera's silhouette that it covers.
@@ -197,12 +305,14 @@ fn is_read_at(p: Point3<f64>, normal: Vector3<f32>, readings: &[Readings]) -> bo
     })
 }
 
-/// Marks the vertices of pieces that lie on the hull as unseen.
-fn mark(model: &mut Model, found: &Components, pieces: &[u32]) {
-    let (rest, _) = extract(&model.mesh, found, |piece| !pieces.contains(&piece));
+/// Marks the vertices of the pieces of these numbers that lie on the hull as unseen.
+fn mark(model: &mut Model, pieces: &Pieces, numbers: &[u32]) {
+    let (rest, _) = extract(&pieces.mesh, &pieces.found, |piece| {
+        !numbers.contains(&piece)
+    });
     let rest = Bvh::new(&rest);
-    for (vertex, label) in found.labels.iter().enumerate() {
-        if !pieces.contains(label) || model.provenance[vertex] != Provenance::Hull {
+    for (vertex, label) in pieces.found.labels.iter().enumerate() {
+        if !numbers.contains(label) || model.provenance[vertex] != Provenance::Hull {
             continue;
         }
         model.provenance[vertex] = Provenance::Unseen;
@@ -213,26 +323,13 @@ fn mark(model: &mut Model, found: &Components, pieces: &[u32]) {
     }
 }
 
-/// A piece as the report tells it.
-fn describe(model: &Model, found: &Components, piece: u32) -> Option<UnrequiredPiece> {
-    let vertices = model.mesh.vertices.iter().zip(&found.labels);
-    let vertices: Vec<Point3<f32>> = vertices
-        .filter(|(_, label)| **label == piece)
-        .map(|(vertex, _)| *vertex)
-        .collect();
-    Some(UnrequiredPiece {
-        volume: found.parts[piece as usize].volume,
-        bounds: bounding_box(&vertices)?.map(|corner| corner.into()),
-    })
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::calibration::{Camera, Distortion, Intrinsics};
     use crate::frame::CameraId;
     use crate::image::Grid;
-    use crate::mesh::{Mesh, shapes, vertex_normals};
+    use crate::mesh::{shapes, vertex_normals};
     use nalgebra::{Isometry3, Vector2};
 
     fn camera(eye: [f64; 3], target: [f64; 3]) -> Camera {
@@ -253,6 +350,19 @@ mod tests {
     fn two_balls() -> Model {
         let mut mesh = ball(0.03, 0.0);
         shapes::append(&mut mesh, &ball(0.01, 0.3));
+        on_hull(mesh)
+    }
+
+    /// A rod of 40 mm across that reaches along y from -20 to 300 mm, as round at its ends as an egg.
+    fn rod() -> Model {
+        let mut mesh = shapes::sphere(1.0, 5);
+        for v in &mut mesh.vertices {
+            *v = Point3::new(0.02 * v.x, 0.14 + 0.16 * v.y, 0.02 * v.z);
+        }
+        on_hull(mesh)
+    }
+
+    fn on_hull(mesh: Mesh) -> Model {
         let count = mesh.vertices.len();
         Model {
             normals: vertex_normals(&mesh),
@@ -316,6 +426,33 @@ mod tests {
         let mut alone = two_balls();
         alone.mesh = ball(0.03, 0.0);
         assert!(marked(&mut alone, &blind()).is_empty());
+    }
+
+    #[test]
+    fn what_grows_out_of_the_object_beyond_a_frame_is_a_piece_of_its_own() {
+        let mut model = rod();
+        let found = marked(&mut model, &blind());
+        let [piece] = found.as_slice() else {
+            panic!("one piece: {found:?}");
+        };
+        // The frame of the second camera ends at 0.16 m in front and at 0.17 m behind.
+        let across = |t: f64| t - t.powi(3) / (3.0 * 0.16_f64.powi(2));
+        let volume = std::f64::consts::PI * 0.02_f64.powi(2) * (across(0.16) - across(0.026));
+        assert!((piece.volume / volume - 1.0).abs() < 0.15, "{piece:?}");
+        assert!(piece.bounds[0][1] > 0.15 && piece.bounds[1][1] > 0.29);
+        for (vertex, p) in model.mesh.vertices.iter().enumerate() {
+            match model.provenance[vertex] {
+                Provenance::Unseen => assert!(p.y > 0.15),
+                _ => assert!(p.y < 0.19, "{p}"),
+            }
+            if p.y > 0.29 {
+                let error = model.expected_error[vertex];
+                assert!((0.055..0.075).contains(&error), "{error}");
+            }
+        }
+        let seen = camera([0.5, 0.3, 0.0], [0.0, 0.3, 0.0]);
+        let [a, b] = blind();
+        assert!(marked(&mut rod(), &[a, b, seen]).is_empty());
     }
 
     #[test]
