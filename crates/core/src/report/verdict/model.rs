@@ -110,8 +110,8 @@ fn unproved(model: &ModelMeasures) -> Option<Reason> {
     })
 }
 
-/// Pieces that may be phantoms. This is only a note, because a model in several pieces, or one that frames cut, is amber
-/// anyway.
+/// Pieces that may be phantoms. This is only a note, because a model in several pieces, or one that frames cut, is
+/// amber anyway.
 fn unrequired(model: &ModelMeasures) -> Option<Reason> {
     let pieces = &model.unrequired_pieces;
     let [low, high] = pieces.first()?.bounds;
