@@ -86,6 +86,9 @@ fn evaluate_answers_in_json_and_draws() {
     for wanted in [
         "F-score at 1 mm",
         "rims",
+        "sharp edges",
+        "normals of the outside",
+        "dented",
         "carved",
         "watertight",
         "signed bias",

@@ -209,6 +209,7 @@ export const de: Words = {
   reason_turn_unknown: "Wie weit eine Aufnahme gedreht ist, lässt sich nicht feststellen.",
   reason_capture_left_out: "Eine Aufnahme des Objekts fehlt im Modell.",
   reason_unproved: "Weil Teile von Bildern nicht zählen, kann mehr zum Objekt gehören.",
+  reason_piece_unrequired: "Keine Kamera verlangt ein Stück des Modells; vielleicht gibt es das nicht.",
   reason_failed: "Das Modell konnte nicht berechnet werden.",
   compare: "Mit einem anderen Modell vergleichen",
   compare_hint: "Sehen Sie zuerst auf das Urteil: grün ist besser als gelb, und gelb besser als rot. Bei gleichem Urteil ist wahrscheinlich das Modell mit dem kleineren erwarteten Fehler das bessere.",

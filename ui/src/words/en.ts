@@ -207,6 +207,7 @@ export const en = {
   reason_turn_unknown: "How far a capture was turned cannot be known.",
   reason_capture_left_out: "A capture of the object is not part of the model.",
   reason_unproved: "Because parts of pictures are ignored, more may belong to the object.",
+  reason_piece_unrequired: "No camera requires a piece of the model; it may not exist.",
   reason_failed: "The model could not be made.",
   figures: "Figures",
   compare: "Compare with another model",

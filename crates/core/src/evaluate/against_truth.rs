@@ -1,12 +1,13 @@
 //! Compares a model with the truth: samples both, measures, and sums the figures up for the whole model and for
 //! each provenance.
 
+use super::appearance::Appearance;
 use super::expected::Expected;
 use super::figures::{Figures, ModelSample, TruthSample, expected};
 use super::load::LoadedModel;
 use super::rim::Rims;
 use super::sample::{Sample, sample};
-use super::surface::{Nearest, Surface};
+use super::surface::Surface;
 use super::{Error, Parameters, wall};
 use crate::mesh::{Mesh, check, convex_hull};
 use crate::reconstruct::Provenance;
@@ -118,6 +119,7 @@ pub fn evaluate(
         truth: &truth_surface,
         hull: convex_hull(&truth.vertices),
         rims: &rims,
+        appearance: Appearance::new(&truth_surface, &model_surface, parameters),
         parameters,
     };
     let truth_samples = measure.all(&of_truth);
@@ -206,6 +208,7 @@ struct MeasureTruth<'a> {
     truth: &'a Surface<'a>,
     hull: Option<Mesh>,
     rims: &'a Rims,
+    appearance: Appearance,
     parameters: &'a Parameters,
 }
 
@@ -219,32 +222,26 @@ impl MeasureTruth<'_> {
     }
 
     fn at(&self, sample: &Sample, hull: Option<&Surface>) -> Option<TruthSample> {
-        let Nearest {
-            signed_distance,
-            triangle,
-            weights,
-            ..
-        } = self.surface.nearest(sample.point)?;
-        let concave = hull.is_some_and(|hull| self.is_concave(sample, hull));
+        let nearest = self.surface.nearest(sample.point)?;
+        let on_hull = hull.and_then(|hull| hull.nearest(sample.point));
+        let beneath_hull = on_hull.map_or(0.0, |n| n.signed_distance.abs());
         let normal = self.truth.face_normal(sample.triangle);
+        let concave = self.is_concave(normal, beneath_hull);
         Some(TruthSample {
-            distance_mm: signed_distance.abs() * 1e3,
+            distance_mm: nearest.signed_distance.abs() * 1e3,
             near_rim: self
                 .rims
                 .are_near(sample.point, self.parameters.rim_width_mm / 1e3),
             concave_mm: concave.then(|| self.along_normal(sample.point, normal)),
             wall: wall::behind(self.truth, self.surface, sample, self.parameters),
-            provenance: provenance_at(self.model, triangle, weights),
+            provenance: provenance_at(self.model, nearest.triangle, nearest.weights),
+            seen: self.appearance.at(sample, normal, beneath_hull, &nearest),
         })
     }
 
     /// Deep inside the truth's convex hull, and facing up or inwards.
-    fn is_concave(&self, sample: &Sample, hull: &Surface) -> bool {
-        let depth = hull
-            .nearest(sample.point)
-            .map_or(0.0, |n| n.signed_distance.abs());
-        depth > self.parameters.concave_depth_mm / 1e3
-            && self.truth.face_normal(sample.triangle).z > -0.2
+    fn is_concave(&self, normal: Vector3<f64>, beneath_hull: f64) -> bool {
+        beneath_hull > self.parameters.concave_depth_mm / 1e3 && normal.z > -0.2
     }
 
     /// The distance along the normal, either way, to the first face of the model if it turns the same way,

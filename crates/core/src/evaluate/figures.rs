@@ -1,6 +1,7 @@
 //! The figures of a set of samples, of the whole model or of one provenance.
 
 use super::Parameters;
+use super::appearance::Seen;
 use super::expected::Expected;
 use super::statistics::{Sorted, Summary, share};
 use super::wall::Wall;
@@ -35,6 +36,8 @@ pub struct TruthSample {
     pub wall: Option<Wall>,
     /// Where the model has the nearest point from, if it says.
     pub provenance: Option<Provenance>,
+    /// What a person sees of it in the model.
+    pub seen: Seen,
 }
 
 /// How well model and truth agree, in the sense of Knapitsch et al. 2017 ("Tanks and Temples").
@@ -54,6 +57,14 @@ pub struct Figures {
     pub concave: Option<Part>,
     /// What is near rims.
     pub rims: Option<RimFigures>,
+    /// The truth's sharp edges and rims, with distances to the model: where normals within 1.5 mm differ as those of
+    /// two faces that meet at 52° or more.
+    pub edges: Option<Part>,
+    /// The outside without its edges: angles between the truth's normals and the mean of the model's around the nearest
+    /// point.
+    pub outside_normals: Option<Angles>,
+    /// Share of the truth's samples that stand out of the model by more than 0.3 mm.
+    pub dented_share: f64,
     /// Thickness of walls.
     pub walls: Option<WallFigures>,
     /// The errors that the model expects, against what they are.
@@ -136,9 +147,12 @@ impl Figures {
             completeness: completeness(truth, |_| true),
             f_scores: f_scores(model, truth, &parameters.thresholds_mm),
             bias: bias(model),
-            normals: normals(model),
-            concave: concave(truth),
+            normals: angles(model.iter().map(|s| s.degrees)),
+            concave: part(truth, |s| s.concave_mm),
             rims: rims(model, truth),
+            edges: part(truth, |s| s.seen.is_edge.then_some(s.distance_mm)),
+            outside_normals: angles(truth.iter().filter_map(|s| s.seen.outside_degrees)),
+            dented_share: share(truth, |s| s.seen.is_dented),
             walls: walls(truth, parameters.cap_mm),
             expected: expected(model, all),
         }
@@ -187,8 +201,8 @@ fn bias(model: &[ModelSample]) -> Option<Bias> {
     })
 }
 
-fn normals(model: &[ModelSample]) -> Option<Angles> {
-    let sorted = Sorted::new(model.iter().map(|s| s.degrees));
+fn angles(degrees: impl Iterator<Item = f64>) -> Option<Angles> {
+    let sorted = Sorted::new(degrees);
     Some(Angles {
         mean_degrees: sorted.mean()?,
         median_degrees: sorted.quantile(0.5)?,
@@ -196,13 +210,14 @@ fn normals(model: &[ModelSample]) -> Option<Angles> {
     })
 }
 
-/// Fewer samples of the concave part than this say nothing of it.
-const LEAST_CONCAVE: usize = 100;
+/// Fewer samples of a part than this say nothing of it.
+const LEAST_OF_PART: usize = 100;
 
-fn concave(truth: &[TruthSample]) -> Option<Part> {
-    let distances = Summary::of(truth.iter().filter_map(|s| s.concave_mm))?;
+/// The part of the truth for which there is a distance, in millimetres.
+fn part(truth: &[TruthSample], distance: impl Fn(&TruthSample) -> Option<f64>) -> Option<Part> {
+    let distances = Summary::of(truth.iter().filter_map(distance))?;
     let share = distances.samples as f64 / truth.len() as f64;
-    (distances.samples > LEAST_CONCAVE).then_some(Part { share, distances })
+    (distances.samples > LEAST_OF_PART).then_some(Part { share, distances })
 }
 
 fn rims(model: &[ModelSample], truth: &[TruthSample]) -> Option<RimFigures> {

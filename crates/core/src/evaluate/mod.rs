@@ -2,10 +2,12 @@
 //! read here; the results are returned as data.
 
 mod against_truth;
+mod appearance;
 mod difference;
 mod expected;
 mod figures;
 pub mod load;
+mod near;
 pub mod picture;
 mod rim;
 mod sample;

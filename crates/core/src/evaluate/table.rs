@@ -81,6 +81,10 @@ fn figures(out: &mut String, found: &Figures) {
         let name = format!("concave part ({:.1} %)", 100.0 * share);
         summary(out, &name, Some(distances));
     }
+    if let Some(Part { share, distances }) = found.edges {
+        let name = format!("sharp edges ({:.1} %)", 100.0 * share);
+        summary(out, &name, Some(distances));
+    }
     if let Some(RimFigures {
         accuracy,
         completeness,
@@ -132,6 +136,22 @@ fn figures(out: &mut String, found: &Figures) {
             ),
         );
     }
+    if let Some(normals) = found.outside_normals {
+        line(
+            out,
+            &format!(
+                "normals of the outside, without its edges: mean {:.1}°, median {:.1}°, p90 {:.1}°",
+                normals.mean_degrees, normals.median_degrees, normals.p90_degrees
+            ),
+        );
+    }
+    line(
+        out,
+        &format!(
+            "dented: {:.2} % of the truth stand out of the model by more than 0.3 mm",
+            100.0 * found.dented_share
+        ),
+    );
 }
 
 /// A number in a column of nine, or a dash.

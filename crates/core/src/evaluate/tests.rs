@@ -222,3 +222,45 @@ fn the_same_question_has_the_same_answer_whatever_the_number_of_threads() {
     };
     assert_eq!(answer(1), answer(3));
 }
+
+#[test]
+fn edges_and_dents_are_told_from_the_rest() {
+    let truth = shapes::cube(0.03);
+    let of = |half: f32| {
+        let found = evaluate(&model(shapes::cube(half)), &truth, &parameters()).unwrap();
+        let edges = found.whole.edges.unwrap();
+        (
+            edges.share,
+            edges.distances.mean_mm,
+            found.whole.dented_share,
+        )
+    };
+    let (share, mean, dented) = of(0.03);
+    // A strip of a bit more than a millimetre on either side of each edge.
+    assert!((0.05..0.11).contains(&share), "{share}");
+    near(mean, 0.0, 1e-6);
+    assert_eq!(dented, 0.0);
+    // Half a millimetre too small or too large on each side.
+    let (_, mean, dented) = of(0.0295);
+    assert!((0.499..0.6).contains(&mean), "{mean}");
+    assert_eq!(dented, 1.0);
+    assert_eq!(of(0.0305).2, 0.0);
+    let ball = shapes::sphere(0.03, 6);
+    let found = evaluate(&model(ball.clone()), &ball, &parameters()).unwrap();
+    assert_eq!((found.whole.edges, found.whole.dented_share), (None, 0.0));
+}
+
+#[test]
+fn facets_show_in_the_normals_of_the_outside_and_hollows_do_not() {
+    let truth = shapes::sphere(0.03, 6);
+    let mean = |found: &Evaluation| found.whole.outside_normals.unwrap().mean_degrees;
+    let smooth = evaluate(&model(truth.clone()), &truth, &parameters()).unwrap();
+    assert!(mean(&smooth) < 1.0, "{}", mean(&smooth));
+    // The facets of a ball of 320 triangles are off by some 10 degrees at their corners.
+    let cut = evaluate(&model(shapes::sphere(0.03, 2)), &truth, &parameters()).unwrap();
+    assert!((2.0..9.0).contains(&mean(&cut)), "{}", mean(&cut));
+    // A pit that is not there changes nothing outside.
+    let pit = box_with_pit(0.04);
+    let filled = evaluate(&model(box_with_pit(0.0)), &pit, &parameters()).unwrap();
+    assert!(mean(&filled) < 1.5, "{}", mean(&filled));
+}

@@ -20,7 +20,7 @@ pub use decode::{
 pub use demosaic::{BayerOrder, demosaic};
 pub use grid::Grid;
 pub use pack::pack;
-pub use pack_shapes::{CellShape, PackingOrder, pack_shapes};
+pub use pack_shapes::{CellShape, PackingOrder, PlacedShape, pack_shapes};
 pub use rect::PixelRect;
 pub use sharpness::sharpness_percent;
 pub use text::{draw_text, text_size};

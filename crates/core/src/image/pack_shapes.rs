@@ -1,6 +1,6 @@
-//! Packs shapes made of square cells into a strip of given width: the largest first, each as low as it goes and there
-//! as far left, into bays that others leave. Slower than packing rectangles, and denser where shapes are not
-//! rectangles.
+//! Packs shapes made of square cells into a strip of given width: the largest first, each in the form that ends first,
+//! as low as that goes and there as far left, into bays that others leave. Slower than packing rectangles, and denser
+//! where shapes are not rectangles.
 
 use std::cmp::Reverse;
 use std::ops::Range;
@@ -74,20 +74,31 @@ impl PackingOrder {
     }
 }
 
-/// Where the top left cell of each shape lies (column, row) in a strip of `width` cells, and how many rows the strip
-/// gets; `None` if a shape is wider than the strip, or the strip would be higher than `highest`. The result depends on
-/// the arguments alone.
-pub fn pack_shapes(
-    shapes: &[CellShape],
+/// Where a shape lies.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct PlacedShape {
+    /// Which of its forms was taken.
+    pub form: usize,
+    /// Column and row of the top left cell.
+    pub place: [usize; 2],
+}
+
+/// Where each shape lies in a strip of `width` cells, and how many rows the strip gets. Each shape is given in the
+/// forms that it may take, such as upright and turned. `None` if no form of a shape fits into the strip, or the strip
+/// would be higher than `highest`. The result depends on the arguments alone.
+pub fn pack_shapes<const FORMS: usize>(
+    shapes: &[[CellShape; FORMS]],
     by: PackingOrder,
     width: usize,
     highest: usize,
-) -> Option<(Vec<[usize; 2]>, usize)> {
-    let sizes: Vec<_> = shapes.iter().map(|shape| by.size(shape)).collect();
+) -> Option<(Vec<PlacedShape>, usize)> {
+    // The flattest form is the one that mostly ends first.
+    let size = |forms: &[CellShape; FORMS]| forms.iter().map(|shape| by.size(shape)).min();
+    let sizes: Vec<_> = shapes.iter().map(size).collect();
     let mut order: Vec<usize> = (0..shapes.len()).collect();
     order.sort_by_key(|&i| (Reverse(sizes[i]), i));
     let mut strip = Strip::new(width);
-    let mut places = vec![[0; 2]; shapes.len()];
+    let mut places = vec![PlacedShape::default(); shapes.len()];
     for index in order {
         places[index] = strip.place(&shapes[index], highest)?;
     }
@@ -121,13 +132,25 @@ impl Strip {
         self.taken.len()
     }
 
-    fn place(&mut self, shape: &CellShape, highest: usize) -> Option<[usize; 2]> {
+    /// Places the form of a shape that ends first, the first of equals.
+    fn place(&mut self, forms: &[CellShape], highest: usize) -> Option<PlacedShape> {
+        let mut best: Option<(usize, PlacedShape)> = None;
+        for (form, shape) in forms.iter().enumerate() {
+            let most = best.map_or(highest, |(end, _)| end.saturating_sub(1));
+            if let Some(place) = self.first_place(shape, most) {
+                best = Some((place[1] + shape.height(), PlacedShape { form, place }));
+            }
+        }
+        let (_, placed) = best?;
+        self.take(&forms[placed.form], placed.place);
+        Some(placed)
+    }
+
+    /// The first place of a shape, row by row, at which it ends within `highest` rows.
+    fn first_place(&self, shape: &CellShape, highest: usize) -> Option<[usize; 2]> {
         let columns = (self.width + 1).checked_sub(shape.width().max(1))?;
         let last = highest.checked_sub(shape.height())?;
-        let top = (self.first..=last.max(self.first))
-            .find_map(|row| Some([self.leftmost(shape, row, columns)?, row]))?;
-        (top[1] <= last).then(|| self.take(shape, top))?;
-        Some(top)
+        (self.first..=last).find_map(|row| Some([self.leftmost(shape, row, columns)?, row]))
     }
 
     /// The leftmost of the first `columns` columns in which a shape fits at a row.
@@ -138,9 +161,10 @@ impl Strip {
             *word = if open == BITS { 0 } else { u64::MAX << open };
         });
         let below = self.taken.get(row..).unwrap_or_default();
+        let mut any = Vec::with_capacity(self.words);
         for (taken, runs) in below.iter().zip(&shape.rows) {
             for run in runs {
-                block(&mut blocked, taken, run);
+                block(&mut blocked, taken, run, &mut any);
             }
             if blocked.iter().all(|&word| word == u64::MAX) {
                 return None;
@@ -171,29 +195,32 @@ impl Strip {
     }
 }
 
-/// Marks the columns from which a run would meet a cell that is taken.
-fn block(blocked: &mut [u64], taken: &[u64], run: &Range<usize>) {
-    let mut any = shifted(taken, run.start);
+/// Marks the columns from which a run would meet a cell that is taken. `any` is room for a row, whatever it holds.
+fn block(blocked: &mut [u64], taken: &[u64], run: &Range<usize>, any: &mut Vec<u64>) {
+    any.clear();
+    any.extend((0..taken.len()).map(|i| shifted_word(taken, i, run.start)));
     // Each step doubles how many columns to the right a bit answers for.
     let mut covered = 1;
     while covered < run.len() {
         let step = covered.min(run.len() - covered);
-        let more = shifted(&any, step);
-        any.iter_mut().zip(more).for_each(|(a, b)| *a |= b);
+        // What lies to the right is not changed yet.
+        for i in 0..any.len() {
+            let more = shifted_word(any, i, step);
+            any[i] |= more;
+        }
         covered += step;
     }
-    blocked.iter_mut().zip(any).for_each(|(b, a)| *b |= a);
+    blocked.iter_mut().zip(&*any).for_each(|(b, a)| *b |= a);
 }
 
-/// A row, moved to the left by this many columns.
-fn shifted(row: &[u64], by: usize) -> Vec<u64> {
+/// A word of a row that was moved to the left by this many columns.
+fn shifted_word(row: &[u64], index: usize, by: usize) -> u64 {
     let (words, bits) = (by / BITS, by % BITS);
     let word = |i: usize| row.get(i).copied().unwrap_or(0);
-    let at = |i: usize| match bits {
-        0 => word(i + words),
-        _ => word(i + words) >> bits | word(i + words + 1) << (BITS - bits),
-    };
-    (0..row.len()).map(at).collect()
+    match bits {
+        0 => word(index + words),
+        _ => word(index + words) >> bits | word(index + words + 1) << (BITS - bits),
+    }
 }
 
 #[cfg(test)]
@@ -219,38 +246,75 @@ mod tests {
     proptest! {
         #[test]
         fn shapes_lie_in_the_strip_and_apart(shapes in prop::collection::vec(rows(), 1..40), width in 60..200_usize, by in 0..3_usize) {
-            let shapes: Vec<_> = shapes.into_iter().map(CellShape::new).collect();
+            let turned = |shape: &CellShape| {
+                let cells = cells(shape, [0, 0]);
+                let row = |x: usize| -> Vec<Range<usize>> {
+                    let column = cells.iter().filter(|cell| cell[0] == x);
+                    column.map(|cell| cell[1]..cell[1] + 1).collect()
+                };
+                CellShape::new((0..shape.width()).map(row).collect())
+            };
+            let shapes = shapes.into_iter().map(CellShape::new);
+            let shapes: Vec<_> = shapes.map(|shape| [shape.clone(), turned(&shape)]).collect();
             let by = PackingOrder::ALL[by];
             let (places, height) = pack_shapes(&shapes, by, width, usize::MAX).unwrap();
             let mut taken = HashSet::new();
-            for cell in shapes.iter().zip(places).flat_map(|(s, place)| cells(s, place)) {
+            let forms = shapes.iter().zip(places);
+            for cell in forms.flat_map(|(s, placed)| cells(&s[placed.form], placed.place)) {
                 prop_assert!(cell[0] < width && cell[1] < height, "{cell:?}");
                 prop_assert!(taken.insert(cell), "{cell:?} is taken twice");
             }
         }
     }
 
+    /// Shapes that have one form, packed.
+    fn packed(
+        shapes: &[CellShape],
+        width: usize,
+        highest: usize,
+    ) -> Option<(Vec<[usize; 2]>, usize)> {
+        let shapes: Vec<_> = shapes.iter().map(|shape| [shape.clone()]).collect();
+        let (placed, height) = pack_shapes(&shapes, PackingOrder::Height, width, highest)?;
+        Some((placed.iter().map(|placed| placed.place).collect(), height))
+    }
+
     #[test]
     fn a_shape_lies_in_the_bay_of_another() {
         let bay = CellShape::new(vec![vec![0..10], vec![0..2, 8..10], vec![0..10]]);
         let bar = CellShape::new(vec![vec![0..6]]);
-        let (places, height) = pack_shapes(&[bar, bay], PackingOrder::Height, 10, 3).unwrap();
-        assert_eq!((places, height), (vec![[2, 1], [0, 0]], 3));
+        let found = packed(&[bar, bay], 10, 3);
+        assert_eq!(found, Some((vec![[2, 1], [0, 0]], 3)));
+    }
+
+    #[test]
+    fn a_shape_is_turned_where_it_ends_sooner() {
+        let lying = |length| CellShape::new(vec![vec![0..length]]);
+        let standing = |length| CellShape::new(vec![vec![0..1]; length]);
+        // A block with a shaft at its right: the bar stands in it, and another lies beneath.
+        let block = CellShape::new(vec![vec![0..5]; 4]);
+        let shapes = [
+            [block.clone(), block],
+            [lying(4), standing(4)],
+            [standing(6), lying(6)],
+        ];
+        let (placed, height) = pack_shapes(&shapes, PackingOrder::Area, 6, 9).unwrap();
+        let placed: Vec<_> = placed.iter().map(|p| (p.form, p.place)).collect();
+        assert_eq!(placed, [(0, [0, 0]), (1, [5, 0]), (1, [0, 4])]);
+        assert_eq!(height, 5);
+        // What fits in no other way is turned, too.
+        let wide = [[lying(4), standing(4)]];
+        let (placed, height) = pack_shapes(&wide, PackingOrder::Area, 3, 4).unwrap();
+        assert_eq!((placed[0].form, height), (1, 4));
     }
 
     #[test]
     fn what_is_too_wide_or_too_high_does_not_fit() {
         let square = CellShape::new(vec![vec![0..3]; 3]);
         let shapes = [square.clone(), square];
-        assert_eq!(pack_shapes(&shapes, PackingOrder::Height, 2, 9), None);
-        assert_eq!(pack_shapes(&shapes, PackingOrder::Height, 3, 5), None);
-        assert_eq!(
-            pack_shapes(&shapes, PackingOrder::Height, 3, 6),
-            Some((vec![[0, 0], [0, 3]], 6))
-        );
-        assert_eq!(
-            pack_shapes(&[], PackingOrder::Height, 2, 0),
-            Some((vec![], 0))
-        );
+        assert_eq!(packed(&shapes, 2, 9), None);
+        assert_eq!(packed(&shapes, 3, 5), None);
+        let found = packed(&shapes, 3, 6);
+        assert_eq!(found, Some((vec![[0, 0], [0, 3]], 6)));
+        assert_eq!(packed(&[], 2, 0), Some((vec![], 0)));
     }
 }

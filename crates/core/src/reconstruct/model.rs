@@ -18,7 +18,8 @@ pub enum Provenance {
     Restored = 2,
     /// In a concave region, over a hole in the depth.
     Bridged = 3,
-    /// Never seen: in a concave region by no depth camera, or where only the volume cuts the object off.
+    /// Never seen: in a concave region by no depth camera, where only the volume cuts the object off, or on a piece
+    /// that no silhouette requires.
     Unseen = 4,
     /// Cut by the table's plane, the volume's floor.
     Table = 5,

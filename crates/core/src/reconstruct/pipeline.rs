@@ -8,7 +8,7 @@ use super::restore::{self, Restored, Source, Template};
 use super::silhouette::{self, Silhouette};
 use super::surface::{Lattice, Solid};
 use super::texture;
-use super::uncertainty::{self, FairedHull};
+use super::uncertainty::{self, FairedHull, UnrequiredPiece};
 use super::{FusedCaptures, Model, Progress, Scene, Stage, Texture};
 use crate::image::Mask;
 use crate::mesh::{
@@ -119,6 +119,8 @@ pub struct Reconstruction {
     pub dropped_carved_pieces: usize,
     /// Cubic metres that no camera objects to, but too few see past what they ignore; `None` where none ignores any.
     pub unproved_volume: Option<f64>,
+    /// Pieces of the model that no silhouette requires, marked as unseen, the largest first.
+    pub unrequired_pieces: Vec<UnrequiredPiece>,
     /// Rays of colour cameras that carving had opened and that were closed again.
     pub closed_openings: usize,
 }
@@ -226,6 +228,8 @@ pub fn reconstruct_from(
         cell_size: lattice.cell_size,
     };
     uncertainty::state_errors(&mut restored.model, &evidence);
+    let unrequired_pieces =
+        uncertainty::mark_unrequired(&mut restored.model, hull.cones(), &evidence.readings);
 
     if parameters.vertices > 0 {
         restored.model = simplified(restored.model, parameters.vertices)?;
@@ -251,6 +255,7 @@ pub fn reconstruct_from(
             .dropped_pieces
             .saturating_sub(extracted.dropped_pieces),
         unproved_volume,
+        unrequired_pieces,
         closed_openings: restored.closed_openings,
         fairing: faired.map(|faired| faired.map(|(faired, _)| faired.facts)),
         hull: extracted.surface.mesh,

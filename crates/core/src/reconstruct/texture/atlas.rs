@@ -44,8 +44,15 @@ impl Paint<'_> {
         let bands = pixels.par_chunks_mut(width * BAND).enumerate();
         bands.for_each(|(band, pixels)| {
             pixels.fill(mean);
+            let mut distance = vec![EMPTY; pixels.len()];
+            let mut band = Band {
+                pixels,
+                distance: &mut distance,
+                first: band * BAND,
+                width,
+            };
             for (chart, tile) in layout.charts.iter().zip(&tiles) {
-                copy_rows(tile, chart.place, pixels, (band * BAND, width));
+                band.take(tile, chart.place);
             }
         });
         RgbImage::from_pixels(width, height, pixels)
@@ -98,11 +105,10 @@ impl Paint<'_> {
             [only] if only.pixels.is_none() && scale == 1.0 => {
                 let image = &*self.surface.views[only.view].image;
                 let gain = self.gains[only.view];
-                let [left, top] = layout.pixel(chart, [0.0; 2]);
                 let [right, bottom] = [image.width() - 1, image.height() - 1];
-                tile.fill(corners, |[x, y], shares| {
+                tile.fill(corners, |texel, shares| {
                     // The middle of a triangle that holds no texel may lie between pixels.
-                    let (x, y) = ((x + left + 0.5) as usize, (y + top + 0.5) as usize);
+                    let [x, y] = layout.pixel(chart, texel).map(|p| (p + 0.5) as usize);
                     let pixel = image.row(y.min(bottom))[x.min(right)];
                     let color = Vector3::from(three(|c| f32::from(pixel[c])));
                     color.component_mul(&gain) + interpolate(&only.offsets, shares)
@@ -204,26 +210,37 @@ fn interpolate(corners: &[Vector3<f32>; 3], shares: [f32; 3]) -> Vector3<f32> {
 /// Rows of the atlas that are put together at once.
 const BAND: usize = 64;
 
-/// Copies what is painted of a tile in a band of rows, which starts at row `first` of an atlas of some width. The
-/// rectangles of two tiles may overlap, and a tile's rectangle may reach beyond the atlas.
-fn copy_rows(
-    tile: &Tile,
-    [left, top]: [usize; 2],
-    band: &mut [[u8; 3]],
-    (first, width): (usize, usize),
-) {
-    let end = (top + tile.colors.height()).min(first + band.len() / width);
-    for y in top.max(first)..end {
-        let start = (y - first) * width;
-        let texels = &mut band[start + left.min(width)..start + width];
-        let painted = tile
-            .colors
-            .row(y - top)
-            .iter()
-            .zip(tile.distance.row(y - top));
-        for (texel, (color, &distance)) in texels.iter_mut().zip(painted) {
-            if distance != EMPTY {
-                *texel = *color;
+/// Rows of the atlas, and how far each of their texels is from what was painted of the chart that it shows.
+struct Band<'a> {
+    pixels: &'a mut [[u8; 3]],
+    distance: &'a mut [u8],
+    /// Its first row in the atlas.
+    first: usize,
+    /// The atlas' width.
+    width: usize,
+}
+
+impl Band<'_> {
+    /// Takes what a tile, given with its top left texel's place, shows in these rows. The rectangles of two tiles may
+    /// overlap, and a tile's rectangle may reach beyond the atlas. In a gutter that two charts share, the nearer one
+    /// counts; what was painted is never covered.
+    fn take(&mut self, tile: &Tile, [left, top]: [isize; 2]) {
+        let rows = (self.pixels.len() / self.width) as isize;
+        let first = self.first as isize;
+        let end = (top + tile.colors.height() as isize).min(first + rows);
+        let beyond = left.min(0).unsigned_abs();
+        let start = (left.max(0) as usize).min(self.width);
+        for y in top.max(first)..end {
+            let row = (y - first) as usize * self.width;
+            let texels = row + start..row + self.width;
+            let shown = self.pixels[texels.clone()].iter_mut();
+            let shown = shown.zip(&mut self.distance[texels]);
+            let y = (y - top) as usize;
+            let painted = tile.colors.row(y).iter().zip(tile.distance.row(y));
+            for ((texel, nearest), (color, &distance)) in shown.zip(painted.skip(beyond)) {
+                if distance < *nearest {
+                    (*texel, *nearest) = (*color, distance);
+                }
             }
         }
     }
@@ -330,4 +347,37 @@ fn span(a: f32, b: f32, c: f32, size: usize) -> (usize, usize) {
 /// Twice the signed area of a triangle.
 fn edge(a: [f32; 2], b: [f32; 2], c: [f32; 2]) -> f32 {
     (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn of_a_shared_gutter_each_chart_has_the_half_on_its_side() {
+        let tile = |color: [u8; 3]| {
+            let mut tile = Tile::new([5, 1], [0; 3]);
+            tile.colors[(2, 0)] = color;
+            tile.distance[(2, 0)] = 0;
+            tile.extend(2);
+            tile
+        };
+        let (red, green) = ([255, 0, 0], [0, 255, 0]);
+        // They are painted at columns 0 and 3.
+        let mut tiles = [(tile(red), [-2, 0]), (tile(green), [1, 0])];
+        for _ in 0..2 {
+            let (mut pixels, mut distance) = ([[9; 3]; 7], [EMPTY; 7]);
+            let mut band = Band {
+                pixels: &mut pixels,
+                distance: &mut distance,
+                first: 0,
+                width: 7,
+            };
+            for (tile, place) in &tiles {
+                band.take(tile, *place);
+            }
+            assert_eq!(pixels, [red, red, green, green, green, green, [9; 3]]);
+            tiles.reverse();
+        }
+    }
 }

@@ -1,7 +1,7 @@
 //! The atlas' layout. Each connected region of one camera is a chart whose texture coordinates are its projection
 //! into that camera's picture, so nothing needs unwrapping. What no camera sees shares one neutral place, or is
-//! projected along an axis, coarsely. Charts are packed by their outlines, so that small ones lie in the bays of
-//! others.
+//! projected along an axis, coarsely. Charts are packed by their outlines, turned by a quarter where that is better, so
+//! that small ones lie in the bays of others.
 
 use super::labels::{UNSEEN, regions};
 use super::outline::Outline;
@@ -29,10 +29,21 @@ pub(super) struct Chart {
     pub triangles: Vec<u32>,
     /// Its least coordinates, in whole texels.
     low: [f32; 2],
-    /// Width and height in texels, gutters included.
+    /// Width and height in texels, gutters included, as it lies in the atlas.
     pub size: [usize; 2],
-    /// Its top left texel in the atlas. Charts whose rectangles overlap have no painted texel in common.
-    pub place: [usize; 2],
+    /// Whether it lies in the atlas turned by a quarter, so that the plane's x runs down, and its y to the left.
+    pub is_turned: bool,
+    /// Its top left texel in the atlas, which may lie beyond it by a part of a gutter. Charts whose rectangles overlap
+    /// have no painted texel in common.
+    pub place: [isize; 2],
+}
+
+impl Chart {
+    /// Turns it by a quarter.
+    pub(super) fn turn(&mut self) {
+        self.is_turned = true;
+        self.size.reverse();
+    }
 }
 
 /// All charts with their places.
@@ -42,7 +53,7 @@ pub(super) struct Layout {
     specks: Specks,
     /// Texels a pixel of the pictures.
     pub scale: f32,
-    /// Texels around each chart.
+    /// Texels between two charts, and by which each is extended where there is room.
     pub gutter: usize,
     /// Width and height of the atlas.
     pub size: [usize; 2],
@@ -58,6 +69,8 @@ const ATTEMPTS: i32 = 40;
 const CELLS: f64 = 700.0;
 /// Widths of the atlas that are tried, in the side of a square that all cells of the charts would fill.
 const WIDTHS: [f64; 5] = [1.0, 1.04, 1.08, 1.13, 1.2];
+/// The second of the two forms in which a chart is packed.
+const TURNED: usize = 1;
 
 impl Layout {
     /// Cuts the surface into charts and packs them: at the pictures' resolution if that fits, else smaller. Empty where
@@ -97,6 +110,11 @@ impl Layout {
         self.charts.is_empty()
     }
 
+    /// Texels around each chart that no other chart has: two charts share the gutter between them.
+    fn own_gutter(&self) -> usize {
+        self.gutter.div_ceil(2)
+    }
+
     fn measure(&mut self, surface: &Surface) {
         for i in 0..self.charts.len() {
             let (mut low, mut high) = ([f32::INFINITY; 2], [f32::NEG_INFINITY; 2]);
@@ -110,6 +128,7 @@ impl Layout {
                 }
             }
             let chart = &mut self.charts[i];
+            chart.is_turned = false;
             chart.low = low.map(f32::floor);
             // Of a surface that reaches to infinity: more than fits anywhere.
             let side = |axis: usize| (high[axis].ceil() - chart.low[axis]).min(1e9) as usize;
@@ -135,11 +154,12 @@ impl Layout {
         }
         let cell = ((texels.sqrt() / CELLS) as usize).clamp(2, 32).min(largest);
         let charts = self.charts.par_iter();
-        let shapes: Vec<CellShape> = charts
-            .map(|chart| self.outline(surface, chart, cell))
+        let shapes: Vec<[CellShape; 2]> = charts
+            .map(|chart| self.outlines(surface, chart, cell))
             .collect();
-        let widest = shapes.iter().map(CellShape::width).max().unwrap_or(1);
-        let cells: usize = shapes.iter().map(CellShape::area).sum();
+        let narrowest = |[upright, turned]: &[CellShape; 2]| upright.width().min(turned.width());
+        let widest = shapes.iter().map(narrowest).max().unwrap_or(1);
+        let cells: usize = shapes.iter().map(|[upright, _]| upright.area()).sum();
         let ways = WIDTHS.map(|factor| PackingOrder::ALL.map(|order| (factor, order)));
         let packed = |&(factor, order): &(f64, PackingOrder)| {
             let width = (((cells as f64).sqrt() * factor) as usize)
@@ -155,20 +175,32 @@ impl Layout {
             return false;
         };
         self.size = size.map(|side| side * cell);
-        for (chart, place) in self.charts.iter_mut().zip(places) {
-            chart.place = place.map(|side| side * cell);
+        let shared = (self.gutter - self.own_gutter()) as isize;
+        for (chart, placed) in self.charts.iter_mut().zip(places) {
+            if placed.form == TURNED {
+                chart.turn();
+            }
+            chart.place = placed.place.map(|side| (side * cell) as isize - shared);
         }
         true
     }
 
-    /// The cells that a chart needs.
-    fn outline(&self, surface: &Surface, chart: &Chart, cell: usize) -> CellShape {
-        let mut outline = Outline::new(chart.size, cell, self.gutter);
+    /// The cells that a chart, which is not turned yet, needs with its own gutter alone: as it is, and turned.
+    fn outlines(&self, surface: &Surface, chart: &Chart, cell: usize) -> [CellShape; 2] {
+        let own = self.own_gutter();
+        let shared = self.gutter - own;
+        let [width, height] = chart.size.map(|side| side - 2 * shared);
+        let mut upright = Outline::new([width, height], cell, own);
+        let mut turned = Outline::new([height, width], cell, own);
         for &triangle in &chart.triangles {
-            let corners = surface.mesh.triangles[triangle as usize];
-            outline.add(corners.map(|v| self.in_chart(surface, chart, v)));
+            let corners = surface.mesh.triangles[triangle as usize].map(|v| {
+                let p = self.in_chart(surface, chart, v);
+                two(|i| p[i] - shared as f32)
+            });
+            upright.add(corners);
+            turned.add(corners.map(|p| turn(p, height)));
         }
-        outline.into_shape()
+        [upright.into_shape(), turned.into_shape()]
     }
 
     /// A vertex in a plane, in texels from the plane's origin.
@@ -191,12 +223,21 @@ impl Layout {
     /// A vertex in a chart, in texels from the chart's top left texel's centre.
     pub(super) fn in_chart(&self, surface: &Surface, chart: &Chart, vertex: u32) -> [f32; 2] {
         let p = self.project(surface, chart.plane, vertex);
-        two(|i| p[i] - chart.low[i] + self.gutter as f32)
+        let upright = two(|i| p[i] - chart.low[i] + self.gutter as f32);
+        match chart.is_turned {
+            true => turn(upright, chart.size[0]),
+            false => upright,
+        }
     }
 
     /// The pixel of a view's picture that a chart's texel shows.
+    #[inline]
     pub(super) fn pixel(&self, chart: &Chart, texel: [f32; 2]) -> [f32; 2] {
-        two(|i| (texel[i] + chart.low[i] - self.gutter as f32) / self.scale)
+        let upright = match chart.is_turned {
+            true => turn_back(texel, chart.size[0]),
+            false => texel,
+        };
+        two(|i| (upright[i] + chart.low[i] - self.gutter as f32) / self.scale)
     }
 
     /// For each triangle the places of its corners in the atlas, 0 to 1.
@@ -219,6 +260,16 @@ impl Layout {
         }
         uv
     }
+}
+
+/// A place of a rectangle of some height in texels, after the rectangle was turned by a quarter, clockwise.
+fn turn([x, y]: [f32; 2], height: usize) -> [f32; 2] {
+    [(height - 1) as f32 - y, x]
+}
+
+/// The reverse of [`turn`].
+fn turn_back([x, y]: [f32; 2], height: usize) -> [f32; 2] {
+    [y, (height - 1) as f32 - x]
 }
 
 /// Connected regions of one label but for specks. Unseen regions are one chart, or are split by the axis they face.
@@ -258,6 +309,7 @@ fn charts(surface: &Surface, labels: &[u16], specks: &Specks, unseen: Unseen) ->
         triangles,
         low: [0.0; 2],
         size: [0; 2],
+        is_turned: false,
         place: [0; 2],
     };
     charts.into_iter().map(chart).collect()

@@ -71,7 +71,8 @@ pub struct Parameters {
     /// Default 8, range 0 to 1000.
     #[serde(deserialize_with = "crate::range::count::<_, usize, 0, 1000>")]
     pub level_rings: usize,
-    /// Texels by which charts are extended beyond their edge, so that smaller mip levels do not bleed.
+    /// Texels between two charts, and by which charts are extended beyond their edge where there is room, so that
+    /// smaller mip levels do not bleed. Two charts share what lies between them.
     /// Default 2, range 0 to 64.
     #[serde(deserialize_with = "crate::range::count::<_, usize, 0, 64>")]
     pub gutter_px: usize,

@@ -1,4 +1,5 @@
-//! A chart's outline in cells of the atlas, for packing: the cells within a gutter's width of one of its triangles.
+//! A chart's outline in cells of the atlas, for packing: the cells within its own gutter's width of one of its
+//! triangles.
 
 use crate::image::CellShape;
 use std::ops::Range;

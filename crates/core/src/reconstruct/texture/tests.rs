@@ -624,6 +624,33 @@ fn charts_fill_the_atlas() {
 }
 
 #[test]
+fn a_chart_that_is_turned_shows_the_same_pixels() {
+    let model = sphere();
+    let scene = rendered(ring(2, 480, 1500.0), &model.mesh, pattern);
+    let parameters = Parameters::default();
+    let order = ViewPriority::default();
+    let surface = Surface::new(&model.mesh, &scene, &[], &order, &parameters);
+    let labels = vec![0; model.mesh.triangles.len()];
+    let mut layout = charts::Layout::new(&surface, &labels, Vec::new(), &parameters);
+    for _ in 0..2 {
+        let chart = &layout.charts[0];
+        for &v in model.mesh.triangles.as_flattened() {
+            let texel = layout.in_chart(&surface, chart, v);
+            for (p, side) in texel.into_iter().zip(chart.size) {
+                assert!((0.0..=side as f32 - 1.0).contains(&p), "{texel:?}");
+            }
+            let pixel = layout.pixel(chart, texel);
+            let [x, y, _] = surface.views[0].projected[v as usize];
+            assert!((pixel[0] - x).abs() < 1e-3 && (pixel[1] - y).abs() < 1e-3);
+        }
+        if !chart.is_turned {
+            layout.charts[0].turn();
+        }
+    }
+    assert!(layout.charts[0].is_turned);
+}
+
+#[test]
 fn what_is_too_small_for_a_chart_takes_a_color_beside_it_or_is_unseen() {
     let model = sphere();
     let scene = rendered(ring(2, 480, 1500.0), &model.mesh, pattern);

@@ -1,7 +1,8 @@
 //! The expected error of the hull's vertices, from the silhouettes around each. `touch` finds the viewing edge through
 //! a vertex and where the true surface touches it, `depth_of_surface` computes how far the surface then lies beneath
 //! the vertex, `readings` tells what depth cameras read of it, `hollow` what may hide beneath a lid, `cut` where the
-//! volume cuts the object, and `patches` spreads the results of some vertices over all. Nothing here moves a vertex.
+//! volume cuts the object, and `patches` spreads the results of some vertices over all. `unrequired` marks whole pieces
+//! that no silhouette requires. Nothing here moves a vertex.
 
 mod cut;
 mod depth_of_surface;
@@ -11,6 +12,7 @@ mod readings;
 #[cfg(test)]
 pub(crate) mod testing;
 mod touch;
+mod unrequired;
 
 use super::fairing::FairedSolid;
 use super::hull::Hull;
@@ -23,6 +25,7 @@ use patches::Patches;
 use rayon::prelude::*;
 pub use readings::{Readings, beneath};
 use touch::ViewingEdge;
+pub use unrequired::{UnrequiredPiece, mark_unrequired};
 
 /// Cells along a patch: between touches there are more.
 const PATCH_CELLS: f64 = 3.0;

@@ -2,6 +2,7 @@
 
 use super::UnobservedMeasures;
 use crate::mesh::{self, Mesh, bounding_box, check, components};
+use crate::reconstruct::uncertainty::UnrequiredPiece;
 use crate::reconstruct::{Model, Provenance, Reconstruction, Scene, fairing};
 use serde::Serialize;
 
@@ -50,6 +51,9 @@ pub struct ModelMeasures {
     /// not in the model; `None` where nothing is ignored.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub unproved_volume: Option<f64>,
+    /// Pieces of it that no silhouette requires, the largest first: each may be an object, or a phantom.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub unrequired_pieces: Vec<UnrequiredPiece>,
     /// Handles of the model that the plain hull has not: what the depth alone opened.
     pub handles_of_depth: u64,
 }
@@ -109,6 +113,7 @@ impl ModelMeasures {
                 .as_ref()
                 .and_then(|f| f.as_ref().err().map(ToString::to_string)),
             unproved_volume: made.unproved_volume,
+            unrequired_pieces: made.unrequired_pieces.clone(),
             handles_of_depth: handles(&made.model.mesh).saturating_sub(handles(&made.hull)),
         }
     }

@@ -104,6 +104,8 @@ pub enum ReasonCode {
     CaptureLeftOut,
     /// What is ignored in the pictures leaves it open whether more belongs to the object.
     Unproved,
+    /// No silhouette requires pieces of the model: they may be phantoms.
+    PieceUnrequired,
 }
 
 /// One reason of a verdict.

@@ -17,6 +17,7 @@ pub(super) fn judge(measured: &Measurements, parameters: &Parameters, into: &mut
         closed_openings(model, parameters),
         components(model, parameters),
         unproved(model),
+        unrequired(model),
         handles(model, parameters),
         opened_by_depth(model, parameters),
         unpainted(model, parameters),
@@ -107,6 +108,26 @@ fn unproved(model: &ModelMeasures) -> Option<Reason> {
         );
         reason(Level::Green, ReasonCode::Unproved, words)
     })
+}
+
+/// Pieces that may be phantoms. This is only a note, because a model in several pieces, or one that frames cut, is
+/// amber anyway.
+fn unrequired(model: &ModelMeasures) -> Option<Reason> {
+    let pieces = &model.unrequired_pieces;
+    let [low, high] = pieces.first()?.bounds;
+    let middle = [0, 1, 2].map(|axis| 0.5e3 * (low[axis] + high[axis]));
+    let volume: f64 = pieces.iter().map(|piece| piece.volume).sum();
+    let words = format!(
+        "no silhouette requires {} of {:.1} ml in all, the largest around x {:.0}, y {:.0}, z {:.0} mm: wherever a \
+            camera has such a piece in its picture, the rest of the model covers the same part of the silhouette; \
+            it may be a phantom, and its provenance is unseen",
+        words::count(pieces.len(), "piece"),
+        1e6 * volume,
+        middle[0],
+        middle[1],
+        middle[2]
+    );
+    Some(reason(Level::Green, ReasonCode::PieceUnrequired, words))
 }
 
 fn handles(model: &ModelMeasures, parameters: &Parameters) -> Option<Reason> {

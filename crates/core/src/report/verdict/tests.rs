@@ -5,6 +5,7 @@ use crate::capture::{ColorFacts, LeftOutCamera, Silhouette};
 use crate::frame::{CaptureId, Timestamp};
 use crate::mesh;
 use crate::reconstruct::region::BiasSource;
+use crate::reconstruct::uncertainty::UnrequiredPiece;
 use crate::reconstruct::{Method, Provenance, silhouette};
 use crate::report::{
     AtlasMeasures, ColorMeasures, Consistency, Exchanged, ModelMeasures, MovedCamera,
@@ -58,6 +59,7 @@ fn measured() -> Measurements {
             fairing_remark: None,
             fairing_refused: None,
             unproved_volume: None,
+            unrequired_pieces: Vec::new(),
             handles_of_depth: 0,
         },
         method: Method::Hybrid,
@@ -384,6 +386,25 @@ fn the_gravest_reason_decides_and_comes_first() {
         codes(&verdict, Level::Amber),
         [ReasonCode::FrameCut, ReasonCode::PiecesDropped]
     );
+}
+
+#[test]
+fn pieces_that_no_silhouette_requires_are_told_with_volume_and_place() {
+    let piece = |volume, bounds| UnrequiredPiece { volume, bounds };
+    let mut measured = measured();
+    measured.model.unrequired_pieces = vec![
+        piece(4e-6, [[0.1, -0.04, 0.0], [0.14, 0.0, 0.02]]),
+        piece(1e-6, [[0.0; 3], [0.01; 3]]),
+    ];
+    let verdict = judged(&measured, &capture());
+    assert_eq!(verdict.level, Level::Green);
+    let mut told = verdict.reasons.iter();
+    let told = told
+        .find(|r| r.code == ReasonCode::PieceUnrequired)
+        .unwrap();
+    let words = &told.words;
+    assert!(words.contains("2 pieces of 5.0 ml"), "{words}");
+    assert!(words.contains("x 120, y -20, z 10 mm"), "{words}");
 }
 
 #[test]
