@@ -53,7 +53,7 @@ const CALIBRATION: [(&str, &str, &str); 6] = [
     ),
     (
         "plane",
-        "crates/core/src/calibration/response/plane.rs",
+        "crates/core/src/calibration/response/plane_view.rs",
         "pub struct PlaneParameters",
     ),
 ];

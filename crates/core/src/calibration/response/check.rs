@@ -1,7 +1,8 @@
 //! Tests whether a depth camera's readings still match its response, on boards whose places the rig knows.
 
 use super::misfit::{self, Cause, FEWEST_BOARDS, Misfit, Patch};
-use super::plane::{Plane, PlaneParameters, PlaneView};
+use super::plane_view::{PlaneParameters, PlaneView};
+use super::samples::Plane;
 use crate::calibration::{Board, DepthResponse, Intrinsics};
 
 /// How much a depth camera may read otherwise than its response says, beyond the response's uncertainty, and how boards

@@ -1,24 +1,29 @@
 //! Fits how a depth camera's readings relate to distances: from a table of measurements, as in the paper, or from
 //! boards whose planes are known from its colour picture. Pure functions; nothing here reads a recording.
 
+mod bias;
 mod check;
+mod consistent;
 mod correction;
 mod jackknife;
 mod lateral;
 mod misfit;
 mod paper;
 mod plane;
+mod plane_view;
 mod polynomial;
 mod reading_change;
+mod samples;
+mod solve;
 mod table;
 
+pub use bias::{DistanceBias, ViewBias};
 pub use check::{DepthCheck, DepthDeviation, DepthTolerance, TooFewBoards, check_depth};
 pub use correction::Correction;
 pub use misfit::{Cause, Misfit, SessionPart};
 pub use paper::PaperFit;
-pub use plane::{
-    DistanceBias, PlaneFit, PlaneParameters, PlaneView, ViewBias, fit_plane, mean_readings,
-};
+pub use plane::{PlaneFit, fit_plane};
+pub use plane_view::{PlaneParameters, PlaneView, mean_readings};
 pub use polynomial::Polynomial;
 pub use reading_change::{Deeper, ReadingChange};
 pub use table::{DepthTable, Measurement};
