@@ -107,8 +107,8 @@ pub trait Device {
     fn shoot(&mut self, shot: &Shot, take: &mut dyn FnMut(Frame)) -> Result<ShotStats, Fault>;
 
     /// Takes a picture for a look: as [`Device::shoot`], but a depth camera gives one frame instead of a burst, and a
-    /// camera that waits for a signal of its line gives a copy of what the newest one exposed, which the next shot still
-    /// finds. It is called between shots, and nothing that it takes is recorded.
+    /// camera that waits for a signal of its line gives a copy of what the newest one exposed, which the next shot
+    /// still finds. It is called between shots, and nothing that it takes is recorded.
     ///
     /// # Errors
     /// If the camera is away.

@@ -1,4 +1,5 @@
-//! The pixels of a depth camera that lie on a board, with the plane that the colour picture tells. Nothing is fitted here.
+//! The pixels of a depth camera that lie on a board, with the plane that the colour picture tells. Nothing is fitted
+//! here.
 
 use super::misfit::{self, Patch};
 use super::plane_view::{PlaneParameters, PlaneView};

@@ -1,4 +1,5 @@
-//! Slope, intercept and lateral scale from the samples of all boards at once, by weighted least squares with a robust loss.
+//! Slope, intercept and lateral scale from the samples of all boards at once, by weighted least squares with a robust
+//! loss.
 
 use super::jackknife::{BoardEquations, NormalEquations};
 use super::lateral::{self, Lateral};
