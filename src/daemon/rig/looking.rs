@@ -117,7 +117,8 @@ impl Rig {
     /// Waits until no picture is in transfer: until the end of the one that is, but not much longer than the camera
     /// took for the one before, for it may never come. The picture itself is dropped.
     /// Returns the time of the trigger that waits, and the cameras whose state changed meanwhile. Where a signal
-    /// triggers cameras, the trigger is as old as the wait is long, so that what the signal exposed still belongs to it.
+    /// triggers cameras, the trigger is as old as the wait is long, so that what the signal exposed still belongs to
+    /// it.
     pub(in crate::daemon) fn end_look(
         &mut self,
         heartbeat: &Heartbeat,
