@@ -194,6 +194,7 @@ mod tests {
     use crate::reconstruct::region::{Bias, BiasSource, HullRenderings};
     use nalgebra::{Vector2, Vector3};
     use std::ops::Range;
+    use std::slice::from_ref;
 
     /// Width and height of a depth picture; at 0.8 m it is 67 mm wide.
     const SIDE: usize = 48;
@@ -285,9 +286,9 @@ mod tests {
     fn a_hollow_that_two_captures_see_is_left_to_the_one_that_sees_more_of_it() {
         let views = || [seen_from(0, 0, 0.0), seen_from(1, 0, 0.0)];
         let (wide, narrow) = (0..24, 0..16);
-        let found = left(views(), [&[wide.clone()], &[narrow.clone()]]);
+        let found = left(views(), [from_ref(&wide), from_ref(&narrow)]);
         assert_eq!(found, [(1, vec![1]), (0, vec![])]);
-        let found = left(views(), [&[narrow.clone()], &[wide.clone()]]);
+        let found = left(views(), [from_ref(&narrow), from_ref(&wide)]);
         assert_eq!(found, [(0, vec![]), (1, vec![1])]);
         // One that only the second sees stays its own, 20 mm from the other.
         let found = left(views(), [&[wide], &[narrow, 36..SIDE]]);
