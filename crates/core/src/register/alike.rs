@@ -2,6 +2,7 @@
 //! turn from another.
 
 use super::limits;
+use crate::statistics::upper_median;
 use std::ops::Range;
 
 /// Of `families` of poses those that colours bear, if colours agree at all of their poses and no better at one than at
@@ -14,8 +15,18 @@ pub(super) fn alike(families: &[Range<usize>], rated: &[f64]) -> Option<Vec<Rang
         rated.iter().any(|&r| !limits::is_outdone(r, best))
     };
     let borne: Vec<Range<usize>> = families.iter().filter(is_borne).cloned().collect();
-    let least = picked(rated, &borne).into_iter().fold(best, f64::min);
-    (!borne.is_empty() && limits::are_colours_alike(best, least)).then_some(borne)
+    let rated = picked(rated, &borne);
+    let least = rated.iter().copied().fold(best, f64::min);
+    let are_alike = limits::are_colours_alike(best, least) && !stands_out(best, &rated);
+    (!borne.is_empty() && are_alike).then_some(borne)
+}
+
+/// Whether the best correlation stands out of the noise of all, as where a small mark meets itself.
+fn stands_out(best: f64, rated: &[f64]) -> bool {
+    let median = upper_median(&mut rated.to_vec()).unwrap_or(best);
+    let mut deviations: Vec<f64> = rated.iter().map(|r| (r - median).abs()).collect();
+    let noise = 1.4826 * upper_median(&mut deviations).unwrap_or(0.0);
+    limits::is_peak(best - median, noise)
 }
 
 /// What belongs to the poses of some families, in their order.
@@ -46,6 +57,7 @@ mod tests {
         // Marks that are too small to decide, and more than noise.
         assert_eq!(alike(whole, &around(0.95, 0.03)), None);
         assert_eq!(alike(whole, &around(0.83, 0.08)), None);
+        assert_eq!(alike(whole, &around(0.84, 0.035)), None);
         // Colours that hardly agree may hide one.
         assert_eq!(alike(whole, &around(0.5, 0.0)), None);
         assert_eq!(alike(whole, &around(0.0, 0.0)), None);

@@ -234,7 +234,7 @@ struct Watched<'a> {
 }
 
 impl Watched<'_> {
-    /// Two of the cameras that are farthest off, if no camera is off by more than `most_px` once each of the two has
+    /// Two of the cameras that are farthest off, or the only two, if no camera is off by more than `most_px` once each of the two has
     /// the views of the other.
     fn exchanged(&self, bundle: &Bundle, most_px: f64) -> Option<[CameraId; 2]> {
         let all = self.seen.iter().map(|&c| (off_px(bundle, c), c));
@@ -242,6 +242,10 @@ impl Watched<'_> {
         off.sort_by(|a, b| b.0.total_cmp(&a.0).then(a.1.cmp(&b.1)));
         let mut worst: Vec<usize> = off.into_iter().map(|(_, camera)| camera).collect();
         worst.truncate(MOST_EXCHANGED);
+        if let (1, &[first, second]) = (worst.len(), &self.seen[..]) {
+            // The board's poses may follow one of a pair, so that the other alone is off.
+            worst = vec![first, second];
+        }
         worst.sort_unstable();
         let pairs = worst.iter().enumerate().flat_map(|(k, &first)| {
             let others = worst[k + 1..].iter();
