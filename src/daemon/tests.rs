@@ -186,7 +186,13 @@ fn press_while_opening(clock: Clock) -> (TestBench, crossbeam_channel::Receiver<
     let stand = begin_on(clock, 1_000_000, &cameras, folder, 4_000_000, |plan| {
         plan.capture.retry = 0;
     });
-    stand.until(|status| status.cameras["c00"].state == "ready");
+    let is_ready = |status: &Status| {
+        status
+            .cameras
+            .get("c00")
+            .is_some_and(|c| c.state == "ready")
+    };
+    stand.until(is_ready);
     let heard = stand.begin_press();
     (stand, heard)
 }
