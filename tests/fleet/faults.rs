@@ -184,7 +184,6 @@ fn rubbish_that_a_worker_sends_is_refused_three_times_and_never_put_into_place()
 /// Plays a worker that answers each offer with what is no result.
 async fn send_rubbish(address: &str) {
     use futures_util::StreamExt;
-    use sha2::{Digest, Sha256};
     let client = async_nats::connect(address).await.unwrap();
     let context = async_nats::jetstream::new(client.clone());
     let mut offers = client.subscribe("scand.job.>").await.unwrap();
@@ -218,13 +217,12 @@ async fn send_rubbish(address: &str) {
             .unwrap()
             .await
             .unwrap();
-        let hash: String = Sha256::digest(rubbish)
-            .iter()
-            .map(|b| format!("{b:02x}"))
-            .collect();
+        let file = tempfile::NamedTempFile::new().unwrap();
+        std::fs::write(file.path(), rubbish).unwrap();
+        let sum = scand::fleet::FileSum::of(file.path()).unwrap();
         let said = serde_json::json!({
-            "outcome": "result", "worker": "evil", "instance": instance, "bytes": rubbish.len(),
-            "sha256": hash, "pieces": 1, "contents_sha256": "0".repeat(64),
+            "outcome": "result", "worker": "evil", "instance": instance, "bytes": sum.bytes,
+            "crc32": sum.crc32, "pieces": 1, "contents_sha256": "0".repeat(64),
         });
         let result = format!("scand.result.archive.{digest}");
         context
