@@ -425,7 +425,8 @@ fn every_fault_that_a_session_can_show_is_doubted_and_named() {
     let early = exchanged(0..count / 3);
     trial.row("exchanged in the first third", &early, &[], NOT_GOOD, &[]);
     let back = exchanged(count / 3..2 * count / 3);
-    trial.row("exchanged and put back", &back, &[], NOT_GOOD, &[]);
+    let again = "show the board again";
+    trial.row("exchanged and put back", &back, &[], NOT_GOOD, &[again]);
     let told = trial.calibrate(&exchanged(count / 2..count), &[]);
     let words = "cameras c01 and c02 are exchanged from ";
     trial.judge("exchanged", &told, NOT_GOOD, &[words]);

@@ -49,6 +49,8 @@ pub(super) struct Split {
     poses: [Isometry3<f64>; 2],
     /// Whether most of its views are before the change.
     is_mostly_early: bool,
+    /// Whether each view of the larger part agrees with the others of that part.
+    is_larger_part_sound: bool,
 }
 
 impl Split {
@@ -77,6 +79,9 @@ impl Split {
         let from = &session.placements[first];
         let is_enough = reference.least.is_left(session, first, &[self.camera]);
         match (self.is_mostly_early, is_enough) {
+            (false, _) if !self.is_larger_part_sound => {
+                format!("show the board again: its views since {from} do not all agree either")
+            }
             (true, true) => format!(
                 "show the board again, or calibrate from {from} on (--from-placement {from})"
             ),
@@ -393,6 +398,7 @@ impl Resection<'_> {
             change,
             poses: poses(&state),
             is_mostly_early,
+            is_larger_part_sound: residuals.iter().all(|r| *r <= self.most_px),
         })
     }
 }
