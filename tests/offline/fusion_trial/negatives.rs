@@ -114,19 +114,3 @@ fn another_object_and_a_capture_that_contradicts_itself_are_not_fused() {
         assert!(fused.words.contains("mug-001"), "{kind:?}: {}", fused.words);
     }
 }
-
-/// Tests of more than ten seconds: `make check` leaves them to `make test`.
-mod long {
-    use super::*;
-
-    #[test]
-    fn a_chip_in_an_edge_that_both_captures_show_is_no_model() {
-        let fused = fuse(with(
-            TABLE[4],
-            session(Shape::Mug, false, 1280, "upright,turn:75", 5),
-        ));
-        assert!(!is_fused(&fused), "{}", fused.words);
-        assert_eq!(fused.code, Some(1), "{}", fused.words);
-        assert!(fused.words.contains("mug-001: "), "{}", fused.words);
-    }
-}

@@ -208,7 +208,8 @@ fn exchanged(reference: &Reference, found: &Exchange, splits: &[Split]) -> Findi
     let from = name(splits[found.split].first_late);
     let when = match found.back {
         None => format!("from {from} on"),
-        Some(back) => format!("from {from} to {}", name(splits[back].last_early)),
+        // A view beside the second change may fit either side.
+        Some(back) => format!("from {from} to about {}", name(splits[back].last_early)),
     };
     let last_change = &splits[found.back.unwrap_or(found.split)];
     let words = format!(
