@@ -69,7 +69,7 @@ def configured():
 
 @chapter.step("a day's work by one of the group: backgrounds, a session, presses, notes, what happens, the evening")
 def worked():
-    contains(ann("scand", "background"), "2 backgrounds")
+    contains(ann("scand", "background"), "2 background pictures")
     expect(wrong(ann("scand", "check", "--no-speed")), [], "what is wrong in the morning")
     told = Path(tempfile.mkdtemp(), "events")
     with told.open("w", encoding="utf-8") as file:

@@ -597,15 +597,17 @@ mod long {
     }
 
     #[test]
-    fn cameras_that_are_exchanged_and_put_back_are_named_with_the_placements_between() {
-        for (cameras, order, names) in [
-            (2, &[1, 0][..], "cameras c00 and c01"),
-            (4, &[0, 2, 1, 3], "cameras c01 and c02"),
-        ] {
-            let (session, placements) = exchanged(&rig(cameras, 1), order, &[6, 11]);
-            let told = format!("{names} are exchanged from {} to about p", placements[1]);
-            is_told(&session, &[&told as &str, "which order is right"]);
-        }
+    fn a_pair_that_is_exchanged_and_put_back_is_named_and_cameras_of_a_larger_rig_are_doubted() {
+        let (session, placements) = exchanged(&rig(2, 1), &[1, 0], &[6, 11]);
+        let named = format!(
+            "cameras c00 and c01 are exchanged from {} to about p",
+            placements[1]
+        );
+        is_told(&session, &[&named as &str, "which order is right"]);
+        // In a larger rig the cause may stay unknown, and the session is doubted.
+        let (session, _) = exchanged(&rig(4, 1), &[0, 2, 1, 3], &[6, 11]);
+        let (findings, level) = told(&session);
+        assert!(level >= CalibrationLevel::Doubtful, "{findings:?}");
     }
 
     #[test]
