@@ -234,8 +234,8 @@ struct Watched<'a> {
 }
 
 impl Watched<'_> {
-    /// Two of the cameras that are farthest off, or the only two, if no camera is off by more than `most_px` once each of the two has
-    /// the views of the other.
+    /// Two of the cameras that are farthest off, or the only two, if no camera is off by more than `most_px` once each
+    /// of the two has the views of the other.
     fn exchanged(&self, bundle: &Bundle, most_px: f64) -> Option<[CameraId; 2]> {
         let all = self.seen.iter().map(|&c| (off_px(bundle, c), c));
         let mut off: Vec<(f64, usize)> = all.filter(|(off, _)| *off > most_px).collect();
