@@ -54,8 +54,7 @@ const ALIKE_NOISE: f64 = 1.6;
 /// … and this. Rings alone lack up to 1.55 times as much.
 const ALIKE_MORE: f64 = 0.01;
 /// They tell one where the best is above the median by more than so many standard deviations of the noise, and a
-/// little.
-/// Rings alone reach 2.2, a spot of 10 mm on a body of 29 mm 3.7.
+/// little. Rings alone reach 2.2, a spot of 10 mm on a body of 29 mm 3.7.
 const PEAK_DEVIATIONS: f64 = 2.8;
 const PEAK: f64 = 0.003;
 /// Contrast of the logarithm of brightness below which a surface is plain.
