@@ -37,11 +37,9 @@ pub(super) enum Behaviour {
     Slow,
     /// Is sound, and takes 1.5 s of its clock.
     VerySlow,
-    /// Is being opened until it behaves in another way.
-    Opening,
 }
 
-const BEHAVIOURS: [Behaviour; 10] = [
+const BEHAVIOURS: [Behaviour; 9] = [
     Behaviour::Sound,
     Behaviour::Unplugged,
     Behaviour::Silent,
@@ -51,7 +49,6 @@ const BEHAVIOURS: [Behaviour; 10] = [
     Behaviour::Early,
     Behaviour::Slow,
     Behaviour::VerySlow,
-    Behaviour::Opening,
 ];
 
 #[derive(Clone)]
@@ -69,9 +66,6 @@ struct ScriptedCamera {
 
 impl Driver for ScriptedCamera {
     fn open(&mut self) -> Result<Box<dyn Device>, Fault> {
-        while self.behaviour.load(Ordering::Relaxed) == Behaviour::Opening as u32 {
-            std::thread::sleep(Duration::from_millis(1));
-        }
         Ok(Box::new(self.clone()))
     }
 }
@@ -135,8 +129,7 @@ impl Device for ScriptedCamera {
             | Behaviour::Late
             | Behaviour::Early
             | Behaviour::Slow
-            | Behaviour::VerySlow
-            | Behaviour::Opening => {}
+            | Behaviour::VerySlow => {}
         }
         let begin = match behaviour {
             Behaviour::Late => self.clock.timestamp().0 + 200_000_000,
@@ -259,11 +252,7 @@ pub(super) fn rig(
     let mut rig_cameras = Vec::new();
     for &(name, kind) in cameras {
         let depth = kind != CameraKind::Color;
-        let first = match name.starts_with("slow") {
-            true => Behaviour::Opening,
-            false => Behaviour::Sound,
-        };
-        let behaviour = Arc::new(AtomicU32::new(first as u32));
+        let behaviour: Arc<AtomicU32> = Arc::default();
         behaviours.insert(name.to_owned(), behaviour.clone());
         let id = CameraId::new(name).unwrap();
         let driver = ScriptedCamera {
@@ -305,24 +294,6 @@ fn start_on(
     memory: usize,
     change: impl FnOnce(&mut CapturePlan),
 ) -> TestBench {
-    let stand = begin_on(clock, later_ns, cameras, folder, memory, change);
-    stand.until(|status| {
-        let ready = status.cameras.values().filter(|c| c.state == "ready");
-        ready.count() == cameras.len()
-    });
-    stand
-}
-
-/// Without waiting for the cameras. Those whose names begin with `slow` are being opened until they are given another
-/// behaviour.
-pub(super) fn begin_on(
-    clock: Clock,
-    later_ns: u64,
-    cameras: &[(&str, CameraKind)],
-    folder: tempfile::TempDir,
-    memory: usize,
-    change: impl FnOnce(&mut CapturePlan),
-) -> TestBench {
     let pool = Pool::new(memory);
     let (rig, behaviours) = rig(clock, later_ns, cameras, &pool);
     let mut plan = plan(folder.path(), &pool);
@@ -331,13 +302,18 @@ pub(super) fn begin_on(
         InterruptedRecordings::recover(&plan.recording.folder, &plan.watchdog).unwrap();
     let capturing = Arc::new(Capturing::start(rig, plan, &interrupted).unwrap());
     interrupted.forget();
-    TestBench {
+    let stand = TestBench {
         folder,
         capturing,
         behaviours,
         pool,
         presses: AtomicU32::new(0),
-    }
+    };
+    stand.until(|status| {
+        let ready = status.cameras.values().filter(|c| c.state == "ready");
+        ready.count() == cameras.len()
+    });
+    stand
 }
 
 pub(super) fn start(change: impl FnOnce(&mut CapturePlan)) -> TestBench {

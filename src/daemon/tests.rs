@@ -3,7 +3,7 @@
 use super::capturing::Order;
 use super::packing::Packer;
 use super::scripted::{
-    Behaviour, CAMERAS, TestBench, begin_on, captures, recordings, start, start_at, start_in,
+    Behaviour, CAMERAS, TestBench, captures, recordings, start, start_at, start_in,
 };
 use super::*;
 use crate::clock::Clock;
@@ -177,50 +177,6 @@ fn an_unplugged_camera_comes_back_and_a_retry_saves_the_press() {
     assert!(reason.contains("camera c02: unplugged"), "{reason}");
     stand.until(|s| s.cameras["c02"].state == "ready");
     assert!(matches!(stand.press().last(), Some(Reply::Durable { .. })));
-}
-
-/// A rig of two cameras, of which one is being opened, and a press.
-fn press_while_opening(clock: Clock) -> (TestBench, crossbeam_channel::Receiver<Reply>) {
-    let cameras = [("c00", CameraKind::Color), ("slow", CameraKind::Color)];
-    let folder = tempfile::tempdir().unwrap();
-    let stand = begin_on(clock, 1_000_000, &cameras, folder, 4_000_000, |plan| {
-        plan.capture.retry = 0;
-    });
-    let is_ready = |status: &Status| {
-        status
-            .cameras
-            .get("c00")
-            .is_some_and(|c| c.state == "ready")
-    };
-    stand.until(is_ready);
-    let heard = stand.begin_press();
-    (stand, heard)
-}
-
-#[test]
-fn a_press_waits_for_a_camera_that_is_being_opened() {
-    let clock = Clock::by_hand(Timestamp(1_760_000_000_000_000_000));
-    let (stand, heard) = press_while_opening(clock);
-    clock.advance(Duration::from_secs(9));
-    let soon = heard.recv_timeout(Duration::from_millis(50));
-    assert!(soon.is_err(), "{soon:?}");
-    stand.behaviour("slow", Behaviour::Sound);
-    assert!(matches!(heard.iter().last(), Some(Reply::Durable { .. })));
-}
-
-#[test]
-fn a_press_waits_no_longer_than_its_limit_for_a_camera_that_does_not_open() {
-    let clock = Clock::by_hand(Timestamp(1_760_000_000_000_000_000));
-    let (stand, heard) = press_while_opening(clock);
-    clock.advance(Duration::from_secs(10));
-    let Some(Reply::Failed { reason, .. }) = heard.iter().last() else {
-        panic!("another end");
-    };
-    assert!(
-        reason.contains("camera slow: it has not been opened yet"),
-        "{reason}"
-    );
-    stand.behaviour("slow", Behaviour::Sound);
 }
 
 #[test]

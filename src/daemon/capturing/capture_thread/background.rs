@@ -15,7 +15,6 @@ use std::collections::BTreeMap;
 impl CaptureThread {
     /// Takes the empty rig's backgrounds and keeps them.
     pub(super) fn take_backgrounds(&mut self) -> Result<String, String> {
-        self.wait_for_opening();
         self.check_capacity()?;
         let time = self.end_look();
         let trigger = Trigger {

@@ -3,7 +3,6 @@
 mod admission;
 mod background;
 mod looking;
-mod opening;
 mod press;
 mod sessions;
 mod shot;
@@ -25,7 +24,6 @@ use crate::recording::SessionHeader;
 use crate::storage::free_bytes;
 use crate::sync::Synchronizer;
 use crossbeam_channel::{Receiver, select};
-use opening::OPENING;
 use parking_lot::Mutex;
 use shot::cameras;
 use std::collections::BTreeMap;
@@ -52,8 +50,6 @@ pub(super) struct CaptureThread {
     lost: BTreeMap<String, u64>,
     looking: LookScheduler,
     heartbeat: Heartbeat,
-    /// Until when presses wait for cameras that are being opened.
-    opening_until: Instant,
 }
 
 /// A session's name and how many captures it has.
@@ -80,7 +76,6 @@ impl CaptureThread {
             backgrounds::newest(&plan.recording.folder, &colors, rig.clock().timestamp());
         Self {
             synchronizer: Synchronizer::new(cameras, plan.sync.clone()),
-            opening_until: rig.clock().now() + OPENING,
             rig,
             heartbeat: plan.watchdog.heartbeat("capturing"),
             plan,

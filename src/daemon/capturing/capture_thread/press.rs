@@ -14,7 +14,6 @@ impl CaptureThread {
     /// Takes the captures that the press is to have: one, and others if it fails.
     pub(super) fn press(&mut self, asked: &Press, guard: &ReplyGuard) {
         let press = guard.press();
-        self.wait_for_opening();
         let admitted = self.check_capacity().and_then(|()| self.next_id());
         let mut next = self.dispatcher.on(match admitted {
             Ok(capture) => Input::Admitted(press, capture, self.plan.capture.retry),
