@@ -37,7 +37,7 @@ impl FileSum {
 }
 
 /// The sum of a file that comes in pieces.
-#[derive(Clone, Default)]
+#[derive(Default)]
 pub(super) struct RunningSum {
     bytes: u64,
     crc: Hasher,
