@@ -28,6 +28,7 @@ pub(super) fn print(check: &Check, detections: &Detections, json: bool, quiet: b
             "not_checked": check.unchecked,
             "alone": check.alone,
             "lost": lost,
+            "warnings": detections.warnings,
         });
         outln!("{told:#}");
     } else if !quiet {

@@ -95,6 +95,7 @@ impl FileArgs {
             rejected: &rejected,
             pictures: &pictures(recordings, outcome),
             lost: &lost,
+            warnings: &detections.warnings,
             depths: &depths,
             depth_words: &depth.words,
             scale: &scale_words(&outcome.scale, &outcome.fit.board),

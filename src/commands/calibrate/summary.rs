@@ -164,6 +164,7 @@ impl Summary<'_> {
             "left_out_views": fit.left_out_share(),
             "rejected": detections.rejected,
             "lost": lost,
+            "warnings": detections.warnings,
             "missing": self.outcome.missing,
             "written": self.written,
         })

@@ -5,10 +5,12 @@ use crate::calibration::fit::{Rejection, Session, SessionCamera, View, find_corn
 use crate::calibration::{Board, Intrinsics, RigCalibration};
 use crate::capture::{PictureFiles, Placements, Shot};
 use crate::frame::CameraId;
+use crate::image::AS_STORED;
 use crate::sync;
+use crate::words::count;
 use rayon::prelude::*;
 use std::collections::{BTreeMap, BTreeSet};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 /// What the cameras of some recordings saw.
 #[derive(Debug)]
@@ -82,6 +84,8 @@ struct Detection<'a> {
     shot: &'a Shot,
     placement: String,
     size: [usize; 2],
+    /// The EXIF orientation that its file states.
+    orientation: u8,
     found: Result<View, Rejection>,
 }
 
@@ -121,6 +125,11 @@ pub fn detect_boards(
     detections.depth_cameras = depths.map(|(id, _)| id.clone()).collect();
     let ids: Vec<CameraId> = cameras.into_keys().collect();
     for id in &ids {
+        let own = found.iter().filter(|d| d.shot.camera == *id);
+        let files = own.filter_map(|d| Some((d.shot.file()?, d.orientation)));
+        detections
+            .warnings
+            .extend(turned_words(id, &files.collect::<Vec<_>>()));
         detections
             .session
             .cameras
@@ -131,6 +140,37 @@ pub fn detect_boards(
     }
     detections.check_size()?;
     Ok(detections)
+}
+
+/// That some of a camera's files are marked to be shown turned or mirrored; `files` has the EXIF orientation of each.
+fn turned_words(id: &CameraId, files: &[(&Path, u8)]) -> Option<String> {
+    let turned = files.iter().filter(|(_, stated)| *stated != AS_STORED);
+    let (first, _) = turned.clone().next()?;
+    let stated: BTreeSet<u8> = turned.clone().map(|(_, stated)| *stated).collect();
+    let stated: Vec<String> = stated.iter().map(u8::to_string).collect();
+    let turned = turned.count();
+    Some(format!(
+        "camera {id}: {turned} of its {} {} marked to be shown turned or mirrored (EXIF orientation {}; the first is {}). \
+         scand uses the pixels as they are stored, so the calibration is for pictures that no program turns. If those that \
+         you will use it for are turned, turn these files in the same way, remove the mark and calibrate again",
+        count(files.len(), "picture"),
+        if turned == 1 { "is" } else { "are" },
+        stated.join(" or "),
+        first.display(),
+    ))
+}
+
+/// That a picture is left out because of its size, in pixels.
+fn size_words(detection: &Detection, expected: [usize; 2]) -> String {
+    let [width, height] = detection.size;
+    let turned = match [height, width] == expected {
+        true => " (it seems to be turned)",
+        false => "",
+    };
+    format!(
+        "camera {}: its picture of {} has {width}x{height} pixels{turned}, but pictures of {}x{} are used; it is left out",
+        detection.shot.camera, detection.placement, expected[0], expected[1]
+    )
 }
 
 /// A camera as the fit takes it, whose pictures are as large as most of them are.
@@ -260,6 +300,7 @@ fn detect<'a>(
         shot,
         placement: names.get(&shot.placement).cloned().unwrap_or_default(),
         size: [picture.width(), picture.height()],
+        orientation: shot.orientation(),
         found: found.map(view),
     })
 }
@@ -306,10 +347,7 @@ impl Detections {
         };
         let expected = self.session.cameras[camera].size;
         if detection.size != expected {
-            self.lost.push(format!(
-                "camera {}: its picture of {} has {}x{} pixels, most of them have {}x{}; it is left out",
-                detection.shot.camera, detection.placement, detection.size[0], detection.size[1], expected[0], expected[1]
-            ));
+            self.lost.push(size_words(&detection, expected));
             return;
         }
         match detection.found {
@@ -420,6 +458,72 @@ mod tests {
         assert_eq!(usual([small, large, large].into_iter()), Some(large));
         assert_eq!(usual([small, large].into_iter()), Some(small));
         assert_eq!(usual(std::iter::empty()), None);
+    }
+
+    #[test]
+    fn files_that_are_marked_as_turned_are_told_of() {
+        let id = CameraId::new("left").unwrap();
+        let [a, b, c] = ["l/1.jpg", "l/2.jpg", "l/3.jpg"].map(Path::new);
+        assert_eq!(turned_words(&id, &[(a, 1), (b, 1), (c, 1)]), None);
+        let one = turned_words(&id, &[(a, 1), (b, 6), (c, 1)]).unwrap();
+        let expected = "camera left: 1 of its 3 pictures is marked to be shown turned or mirrored (EXIF orientation 6; \
+                        the first is l/2.jpg). scand uses the pixels as they are stored";
+        assert!(one.starts_with(expected), "{one}");
+        let some = turned_words(&id, &[(a, 8), (b, 3), (c, 8)]).unwrap();
+        assert!(some.contains("3 of its 3 pictures are marked"), "{some}");
+        assert!(
+            some.contains("orientation 3 or 8; the first is l/1.jpg"),
+            "{some}"
+        );
+    }
+
+    /// A camera's pictures of p1 to p3, as files of these sizes that are marked to be shown with this orientation.
+    fn detections_of_files(sizes: [[u32; 2]; 3], orientation: u8) -> Detections {
+        let folder = tempfile::tempdir().unwrap();
+        let file = |(index, [width, height]): (usize, &[u32; 2])| {
+            let path = folder.path().join(format!("{}.png", index + 1));
+            std::fs::write(&path, png_file(*width, *height, orientation)).unwrap();
+            path
+        };
+        let files = sizes.iter().enumerate().map(file).collect();
+        let cameras = BTreeMap::from([(CameraId::new("left").unwrap(), files)]);
+        let recordings = [open_pictures(cameras).unwrap()];
+        let board = Board::checkerboard(9, 6, 0.025).unwrap();
+        detect_boards(&recordings, &board, [None, None], &|| {}).unwrap()
+    }
+
+    /// A black PNG that is marked to be shown with this orientation.
+    fn png_file(width: u32, height: u32, orientation: u8) -> Vec<u8> {
+        // A TIFF header, and one entry: the orientation, a single number of 16 bits.
+        let mut exif = b"MM\0*\0\0\0\x08\0\x01\x01\x12\0\x03\0\0\0\x01\0".to_vec();
+        exif.extend([orientation, 0, 0, 0, 0, 0, 0]);
+        let mut info = png::Info::with_size(width, height);
+        info.exif_metadata = Some(exif.into());
+        let mut data = Vec::new();
+        let encoder = png::Encoder::with_info(&mut data, info).unwrap();
+        let black = vec![0; (width * height) as usize];
+        let mut writer = encoder.write_header().unwrap();
+        writer.write_image_data(&black).unwrap();
+        writer.finish().unwrap();
+        data
+    }
+
+    #[test]
+    fn pictures_of_another_size_are_left_out_and_turned_ones_named() {
+        let found = detections_of_files([[32, 24], [32, 24], [24, 32]], 1);
+        let words = "camera left: its picture of p3 has 24x32 pixels (it seems to be turned), but pictures of 32x24 are used; \
+                     it is left out";
+        assert_eq!(found.lost, [words]);
+        assert!(found.warnings.is_empty(), "{:?}", found.warnings);
+        let found = detections_of_files([[32, 24], [32, 24], [16, 12]], 8);
+        assert!(
+            found.lost[0].contains("has 16x12 pixels, but"),
+            "{:?}",
+            found.lost
+        );
+        assert_eq!(found.warnings.len(), 1);
+        let words = "camera left: 3 of its 3 pictures are marked to be shown turned or mirrored (EXIF orientation 8";
+        assert!(found.warnings[0].starts_with(words), "{:?}", found.warnings);
     }
 
     /// A camera that saw the board at each of p0 to p5 but p3.
@@ -570,6 +674,7 @@ mod tests {
                 shot,
                 placement: shot.placement.clone(),
                 size: [1280, 960],
+                orientation: AS_STORED,
                 found: Ok(seen(&board, camera, placement)),
             };
             detections.take(detection, &ids);

@@ -7,8 +7,8 @@ use super::picture_files::{self, PictureFiles};
 use super::replay;
 use crate::calibration::Intrinsics;
 use crate::frame::{CameraId, Picture, Timestamp};
-use crate::image::{DecodeError, Grid, grey_from_raw, grey_from_rgb, readings_from_raw};
-use crate::image::{rgb_from_file, rgb_from_raw, size_of_file};
+use crate::image::{AS_STORED, DecodeError, Grid, grey_from_raw, grey_from_rgb, grey_of_used_bits};
+use crate::image::{orientation_of_file, readings_from_raw, rgb_from_raw, size_of_file};
 use crate::recording::{ColorPart, Damage, DepthPart, MessageRef, Recording, Topic};
 use crate::sync::{self, Capture};
 use std::path::{Path, PathBuf};
@@ -55,6 +55,25 @@ pub struct Readings {
     pub camera: CameraId,
     topic: Topic,
     messages: Vec<MessageRef>,
+}
+
+impl Shot {
+    /// The picture's file; `None` if it is in a recording.
+    pub fn file(&self) -> Option<&Path> {
+        match &self.place {
+            Place::Message(..) => None,
+            Place::File(path) => Some(path),
+        }
+    }
+
+    /// The EXIF orientation that the picture's file states, from 1 (as it is stored) to 8. It is 1 if the picture is in
+    /// a recording, or if the file states none or cannot be read.
+    pub fn orientation(&self) -> u8 {
+        match self.file().map(picture_files::read) {
+            Some(Ok(Picture::Compressed { format, data })) => orientation_of_file(&format, &data),
+            _ => AS_STORED,
+        }
+    }
 }
 
 impl Placements {
@@ -291,9 +310,7 @@ fn grey(picture: &Picture) -> Result<Grid<u8>, DecodeError> {
             grey_from_raw(&picture.into(), size)
         }
         Picture::Raw { .. } => Ok(grey_from_rgb(&rgb_from_raw(&picture.into(), size)?)),
-        Picture::Compressed { format, data } => {
-            Ok(grey_from_rgb(&rgb_from_file(format, data, size)?))
-        }
+        Picture::Compressed { format, data } => grey_of_used_bits(format, data, size),
     }
 }
 

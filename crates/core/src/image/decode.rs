@@ -7,7 +7,8 @@ use ::image::codecs::bmp::BmpDecoder;
 use ::image::codecs::png::PngDecoder;
 use ::image::codecs::pnm::PnmDecoder;
 use ::image::codecs::tiff::TiffDecoder;
-use ::image::{DynamicImage, ImageDecoder};
+use ::image::metadata::Orientation;
+use ::image::{ColorType, DynamicImage, ImageDecoder};
 use rayon::prelude::*;
 use std::io::Cursor;
 use std::panic::{AssertUnwindSafe, catch_unwind};
@@ -220,6 +221,8 @@ pub fn readings_from_raw(
 const FILE_FORMATS: &str = "jpeg, png, tiff, bmp or pnm (pbm, pgm, ppm)";
 /// Longest side in pixels of a picture file.
 const LONGEST_SIDE: usize = 1 << 14;
+/// The EXIF orientation of a picture that is shown as it is stored.
+pub const AS_STORED: u8 = 1;
 
 /// Makes colours of a picture file; grey becomes three equal channels, more than 8 bits are rounded to 8,
 /// transparency is dropped, orientation is ignored.
@@ -230,21 +233,63 @@ pub fn rgb_from_file(
 ) -> Result<RgbImage, DecodeError> {
     match format {
         "jpeg" | "jpg" => guarded("jpeg", || rgb_from_jpeg(data, size)),
-        "png" => guarded("png", || {
-            let picture = decode_png(data, size)?.into_rgb8().into_raw();
-            let pixels = picture.as_chunks().0.to_vec();
-            Ok(Grid::from_pixels(size.0, size.1, pixels))
-        }),
-        other => {
-            let format = other_format(other)?;
-            guarded(format, || {
-                let picture = decode_other(format, data, size)?;
-                let picture = picture.into_rgb8().into_raw();
-                let pixels = picture.as_chunks().0.to_vec();
-                Ok(Grid::from_pixels(size.0, size.1, pixels))
-            })
-        }
+        _ => lossless(format, data, size, |picture| rgb_of(picture, size)),
     }
+}
+
+/// Makes grey values of a picture file of any camera, to find a board in it. Of 16 bits a channel it takes 8, from the
+/// highest one that the brightest pixel uses: cameras of 10 or 12 bits leave those above empty. Orientation is ignored.
+pub fn grey_of_used_bits(
+    format: &str,
+    data: &[u8],
+    size: (usize, usize),
+) -> Result<Grid<u8>, DecodeError> {
+    let rgb = match format {
+        "jpeg" | "jpg" => rgb_from_file(format, data, size),
+        _ => lossless(format, data, size, |picture| {
+            rgb_of(without_unused_bits(picture), size)
+        }),
+    };
+    rgb.map(|rgb| grey_from_rgb(&rgb))
+}
+
+/// Decodes a file of another format than JPEG, and makes something of its picture.
+fn lossless<T>(
+    format: &str,
+    data: &[u8],
+    size: (usize, usize),
+    make: impl FnOnce(DynamicImage) -> T,
+) -> Result<T, DecodeError> {
+    if format == "png" {
+        return guarded("png", || decode_png(data, size).map(make));
+    }
+    let format = other_format(format)?;
+    guarded(format, || decode_other(format, data, size).map(make))
+}
+
+fn rgb_of(picture: DynamicImage, size: (usize, usize)) -> RgbImage {
+    let pixels = picture.into_rgb8().into_raw().as_chunks().0.to_vec();
+    Grid::from_pixels(size.0, size.1, pixels)
+}
+
+/// A picture of 16 bits a channel, multiplied by the largest power of two that leaves its brightest pixel within 16
+/// bits; any other as it is.
+fn without_unused_bits(picture: DynamicImage) -> DynamicImage {
+    let has_16_bits = matches!(
+        picture.color(),
+        ColorType::L16 | ColorType::La16 | ColorType::Rgb16 | ColorType::Rgba16
+    );
+    if !has_16_bits {
+        return picture;
+    }
+    // Without transparency, which would count as bright.
+    let mut picture = picture.into_rgb16();
+    let brightest = picture.iter().copied().max().unwrap_or_default();
+    if brightest > 0 {
+        let unused = brightest.leading_zeros();
+        picture.iter_mut().for_each(|value| *value <<= unused);
+    }
+    DynamicImage::ImageRgb16(picture)
 }
 
 /// Makes grey values of a picture file.
@@ -402,6 +447,34 @@ pub fn size_of_file(format: &str, data: &[u8]) -> Result<(usize, usize), DecodeE
             })
         }
     }
+}
+
+/// How a picture file says that it is to be shown: its EXIF orientation, from 1 (as it is stored) to 8; 1 if it says
+/// nothing, or cannot be read.
+pub fn orientation_of_file(format: &str, data: &[u8]) -> u8 {
+    let found = match format {
+        "jpeg" | "jpg" => guarded("jpeg", || {
+            let mut decoder = JpegDecoder::new(ZCursor::new(data));
+            decoder.decode_headers().map_err(|e| broken("jpeg", &e))?;
+            let exif = decoder.exif().map(Vec::as_slice);
+            Ok(exif.and_then(Orientation::from_exif_chunk))
+        }),
+        "png" => guarded("png", || {
+            let decoder = PngDecoder::new(Cursor::new(data)).map_err(|e| broken("png", &e))?;
+            Ok(stated_orientation(decoder))
+        }),
+        other => other_format(other).and_then(|format| {
+            guarded(format, || {
+                let decoder = other_decoder(format, data)?;
+                Ok(stated_orientation(decoder))
+            })
+        }),
+    };
+    found.ok().flatten().map_or(AS_STORED, Orientation::to_exif)
+}
+
+fn stated_orientation(mut decoder: impl ImageDecoder) -> Option<Orientation> {
+    decoder.orientation().ok()
 }
 
 /// How bright each pixel is: the mean of its channels, green counted twice.

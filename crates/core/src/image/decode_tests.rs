@@ -205,6 +205,53 @@ fn picture_files_are_read() {
 }
 
 #[test]
+fn of_16_bits_those_are_used_that_the_brightest_pixel_has() {
+    // As cameras of 10, 12 and 16 bits write them.
+    for (bits, scale) in [(10, 4), (12, 16), (16, 256)] {
+        let value = |x: u32, y: u32| Luma([(x * y % 255) as u16 * scale]);
+        let luma = ImageBuffer::<Luma<u16>, Vec<u16>>::from_fn(48, 40, value);
+        let expected = Grid::from_fn(48, 40, |x, y| (x * y % 255) as u8);
+        let luma = DynamicImage::ImageLuma16(luma);
+        for (name, format) in [("png", ImageFormat::Png), ("tiff", ImageFormat::Tiff)] {
+            let read = grey_of_used_bits(name, &file(&luma, format), (48, 40)).unwrap();
+            let pairs = read.pixels().iter().zip(expected.pixels());
+            let most = pairs.map(|(a, b)| a.abs_diff(*b)).max();
+            assert!(most <= Some(1), "{bits} bits, {name}: {most:?}");
+        }
+    }
+    let black = ImageBuffer::<Luma<u16>, Vec<u16>>::new(48, 40);
+    let black = png(&DynamicImage::ImageLuma16(black));
+    let read = grey_of_used_bits("png", &black, (48, 40)).unwrap();
+    assert!(read.pixels().iter().all(|&value| value == 0));
+    // Pictures of 8 bits stay as they are, however dark.
+    let dark = ImageBuffer::<Luma<u8>, Vec<u8>>::from_pixel(48, 40, Luma([7]));
+    let dark = png(&DynamicImage::ImageLuma8(dark));
+    let read = grey_of_used_bits("png", &dark, (48, 40)).unwrap();
+    assert!(read.pixels().iter().all(|&value| value == 7));
+}
+
+#[test]
+fn the_orientation_of_a_file_is_read() {
+    let plain = jpeg(&gradient());
+    assert_eq!(orientation_of_file("jpeg", &plain), AS_STORED);
+    for stated in 1..=8 {
+        // A TIFF header, and one entry: the orientation, a single number of 16 bits.
+        let mut exif = b"Exif\0\0II*\0\x08\0\0\0\x01\0\x12\x01\x03\0\x01\0\0\0".to_vec();
+        exif.extend([stated, 0, 0, 0, 0, 0, 0, 0]);
+        let length = (exif.len() as u16 + 2).to_be_bytes();
+        let segment = [&[0xff, 0xe1][..], &length, &exif].concat();
+        let marked = [&plain[..2], &segment, &plain[2..]].concat();
+        assert_eq!(orientation_of_file("jpeg", &marked), stated);
+        for length in 0..64 {
+            let cut = orientation_of_file("jpeg", &marked[..length]);
+            assert!(cut == AS_STORED || cut == stated, "cut at {length}: {cut}");
+        }
+    }
+    assert_eq!(orientation_of_file("png", b"no picture"), AS_STORED);
+    assert_eq!(orientation_of_file("webp", &plain), AS_STORED);
+}
+
+#[test]
 fn tiff_files_are_read_or_refused() {
     let size = (48, 40);
     let luma = ImageBuffer::<Luma<u8>, _>::from_fn(48, 40, |x, y| Luma([(x + y) as u8]));

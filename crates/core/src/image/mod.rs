@@ -14,8 +14,9 @@ pub mod srgb;
 mod text;
 
 pub use decode::{
-    DecodeError, RawPixels, encode_linear_as_srgb, grey_from_file, grey_from_raw, grey_from_rgb,
-    readings_from_raw, rgb_from_file, rgb_from_raw, size_of_file,
+    AS_STORED, DecodeError, RawPixels, encode_linear_as_srgb, grey_from_file, grey_from_raw,
+    grey_from_rgb, grey_of_used_bits, orientation_of_file, readings_from_raw, rgb_from_file,
+    rgb_from_raw, size_of_file,
 };
 pub use demosaic::{BayerOrder, demosaic};
 pub use grid::Grid;

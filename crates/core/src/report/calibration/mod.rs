@@ -43,6 +43,8 @@ pub struct CalibrationPage<'a> {
     pub pictures: &'a [ViewPicture],
     /// What could not be read.
     pub lost: &'a [String],
+    /// What else a person should know of the pictures.
+    pub warnings: &'a [String],
     /// What the depth cameras' readings mean.
     pub depths: &'a [(CameraId, &'a PlaneFit)],
     /// What else there is to say of depth.
@@ -183,7 +185,8 @@ fn heading(html: &mut String, page: &CalibrationPage<'_>) {
 fn to_do(html: &mut String, page: &CalibrationPage<'_>) {
     let reasons = &page.judgement.reasons;
     let left_out = left_out_words(page);
-    if reasons.is_empty() && page.missing.is_empty() && page.lost.is_empty() && left_out.is_none() {
+    let notes = [page.missing, page.lost, page.warnings].concat();
+    if reasons.is_empty() && notes.is_empty() && left_out.is_none() {
         *html += "<h2>What to do</h2><p>Nothing: keep the file, and check the rig against it each day.</p>\n";
         return;
     }
@@ -201,6 +204,9 @@ fn to_do(html: &mut String, page: &CalibrationPage<'_>) {
     }
     for lost in page.lost {
         let _ = write!(html, "<li>Not read: {}</li>", escaped(lost));
+    }
+    for warning in page.warnings {
+        let _ = write!(html, "<li>Note: {}</li>", escaped(warning));
     }
     *html += "</ul>\n";
     missing(html, page);
