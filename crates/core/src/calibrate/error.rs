@@ -58,8 +58,8 @@ pub enum Error {
     },
     /// No recording names its board.
     #[error(
-        "no recording describes the board: give --board KIND:COLUMNSxROWS:SQUARE, such as checkerboard:11x8:25mm \
-         (in inner corners)"
+        "nothing describes the board: give --board KIND:COLUMNSxROWS:SQUARE, such as checkerboard:11x8:25mm (in inner \
+         corners)"
     )]
     NoBoard,
     /// A lens for pictures of another size.
@@ -93,7 +93,7 @@ pub enum Error {
         views: usize,
     },
     /// A placement to begin or end with that is not there.
-    #[error("the recordings have no placement {name:?}, expected one of {known}")]
+    #[error("the session has no placement {name:?}, expected one of {known}")]
     NoSuchPlacement {
         /// The name that was given.
         name: String,
@@ -106,7 +106,7 @@ pub enum Error {
     )]
     NoPlacements { from: String, until: String },
     /// A distance of a camera that is not in the session.
-    #[error("--distance: the recordings have no camera {camera}, expected one of {known}")]
+    #[error("--distance: the session has no camera {camera}, expected one of {known}")]
     NoSuchCamera {
         /// The camera that was named.
         camera: CameraId,
@@ -145,6 +145,8 @@ const NO_WHOLE_BOARD: &str = "in most pictures no board was found, or only some 
 fn most_show_no_whole_board(rejected: &[Rejected], views: usize) -> bool {
     let is_no_board = |rejected: &&Rejected| match rejected.cause {
         fit::Rejection::Nothing
+        | fit::Rejection::NoMarkers
+        | fit::Rejection::FewMarkers { .. }
         | fit::Rejection::Few { .. }
         | fit::Rejection::TooFewOfBoard { .. }
         | fit::Rejection::Size { .. } => true,

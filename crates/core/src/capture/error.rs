@@ -37,12 +37,23 @@ pub enum Error {
     },
     /// Cameras with unequal numbers of picture files.
     #[error(
-        "the cameras have unequal numbers of pictures: {counts}; the n-th picture of each is of one placement: expected \
-         one picture or more, and as many of each"
+        "the cameras have unequal numbers of pictures: {counts}. The n-th picture of each camera shows the n-th placement, \
+         so each needs one picture or more, and as many as the others{lacking}"
     )]
     PictureCounts {
         /// Each camera, and how many it has.
         counts: String,
+        /// Which pictures are without a counterpart; empty if their names do not show it.
+        lacking: String,
+    },
+    /// Two files of a camera that seem to be one picture.
+    #[error(
+        "camera {camera}: {} and {} have one name but for zeros and the ending, so they may be the same picture: give only \
+         one of them, such as {camera}='FOLDER/*.png', or rename one", files[0].display(), files[1].display()
+    )]
+    SameName {
+        camera: CameraId,
+        files: [PathBuf; 2],
     },
     /// No captures.
     #[error("{path} has no /trigger that can be read, expected one for each capture{details}")]

@@ -8,6 +8,8 @@ use std::path::{Path, PathBuf};
 
 /// Largest picture file, in bytes.
 const LARGEST_FILE: u64 = 1 << 30;
+/// Most numbers of pictures that a message names for a camera.
+const MOST_NAMED: usize = 10;
 
 /// The pictures of some cameras, placement after placement.
 #[derive(Clone, Debug, PartialEq)]
@@ -21,8 +23,15 @@ impl PictureFiles {
     /// The pictures of each camera in the order of the placements.
     ///
     /// # Errors
-    /// If a camera has no pictures, or two have unequal numbers of them.
+    /// If a camera has no pictures or two files that seem to be the same one, or two cameras have unequal numbers of
+    /// pictures.
     pub fn new(cameras: BTreeMap<CameraId, Vec<PathBuf>>) -> Result<Self, Error> {
+        for (camera, files) in &cameras {
+            if let Some(files) = same_name(files) {
+                let camera = camera.clone();
+                return Err(Error::SameName { camera, files });
+            }
+        }
         let counts: BTreeSet<usize> = cameras.values().map(Vec::len).collect();
         let count = match counts.iter().collect::<Vec<_>>()[..] {
             [&count] if count > 0 => count,
@@ -31,6 +40,7 @@ impl PictureFiles {
                 let counts: Vec<String> = cameras.iter().map(of).collect();
                 return Err(Error::PictureCounts {
                     counts: counts.join(", "),
+                    lacking: lacking_words(&cameras).unwrap_or_default(),
                 });
             }
         };
@@ -41,7 +51,10 @@ impl PictureFiles {
                 .collect()
         };
         let numbers: Vec<Option<String>> = (0..count).map(|p| common_number(&at(p))).collect();
-        let warnings = (0..count).filter(|&p| numbers[p].is_none()).filter_map(|p| {
+        let mixed = cameras
+            .iter()
+            .filter_map(|(id, files)| mixed_words(id, files));
+        let unlike = (0..count).filter(|&p| numbers[p].is_none()).filter_map(|p| {
             let names: Vec<String> = at(p).into_iter().map(file_name).collect();
             let numbered = names.iter().filter_map(|name| number(name)).count();
             (numbered == names.len()).then(|| {
@@ -52,7 +65,7 @@ impl PictureFiles {
             })
         });
         Ok(Self {
-            warnings: warnings.collect(),
+            warnings: mixed.chain(unlike).collect(),
             placements: names(&numbers),
             cameras,
         })
@@ -144,6 +157,81 @@ fn number(name: &str) -> Option<String> {
     (!digits.is_empty()).then(|| digits.to_owned())
 }
 
+/// Two files of one folder whose names differ only by zeros before their number, and by their ending.
+fn same_name(files: &[PathBuf]) -> Option<[PathBuf; 2]> {
+    let mut known: BTreeMap<(Option<&Path>, String), &PathBuf> = BTreeMap::new();
+    for file in files {
+        let name = (file.parent(), without_zeros(&stem(file)));
+        if let Some(other) = known.insert(name, file) {
+            return Some([other.clone(), file.clone()]);
+        }
+    }
+    None
+}
+
+/// A file's name with a single zero before its number, if it has one.
+fn without_zeros(stem: &str) -> String {
+    let end = stem.trim_end_matches(|c: char| !c.is_ascii_digit());
+    let prefix = end.trim_end_matches(|c: char| c.is_ascii_digit());
+    let (number, rest) = (&end[prefix.len()..], &stem[end.len()..]);
+    match number.is_empty() {
+        true => stem.to_owned(),
+        false => format!("{prefix}0{}{rest}", number.trim_start_matches('0')),
+    }
+}
+
+/// That a camera's files seem to be of two cameras, because two names occur with several numbers each.
+fn mixed_words(camera: &CameraId, files: &[PathBuf]) -> Option<String> {
+    let mut named: BTreeMap<String, Vec<&PathBuf>> = BTreeMap::new();
+    for file in files {
+        let mut name = stem(file);
+        name.retain(|c| !c.is_ascii_digit());
+        named.entry(name).or_default().push(file);
+    }
+    let several: Vec<&PathBuf> = (named.values().filter(|files| files.len() > 1))
+        .filter_map(|files| files.first().copied())
+        .collect();
+    let [one, other, ..] = several[..] else {
+        return None;
+    };
+    Some(format!(
+        "camera {camera}: its files have different names, such as {} and {}: are all of them pictures of this camera?",
+        file_name(one),
+        file_name(other)
+    ))
+}
+
+/// Which numbers of pictures some cameras lack; `None` if not every file has a number that no other file of its camera
+/// has.
+fn lacking_words(cameras: &BTreeMap<CameraId, Vec<PathBuf>>) -> Option<String> {
+    let value = |file: &PathBuf| number(&file_name(file))?.parse::<u64>().ok();
+    let mut numbers: BTreeMap<&CameraId, BTreeSet<u64>> = BTreeMap::new();
+    for (camera, files) in cameras {
+        let own: BTreeSet<u64> = files.iter().map(value).collect::<Option<_>>()?;
+        if own.len() < files.len() {
+            return None;
+        }
+        numbers.insert(camera, own);
+    }
+    let all: BTreeSet<u64> = numbers.values().flatten().copied().collect();
+    let lacking = numbers.iter().filter_map(|(camera, own)| {
+        let lacking: Vec<String> = all.difference(own).map(u64::to_string).collect();
+        let shown = match lacking.len() {
+            0 => return None,
+            1..=MOST_NAMED => lacking.join(", "),
+            more => format!("{}, … ({more} in all)", lacking[..MOST_NAMED].join(", ")),
+        };
+        Some(format!("; {camera} has no picture with the number {shown}"))
+    });
+    Some(lacking.collect())
+}
+
+/// A file's name without its ending.
+fn stem(path: &Path) -> String {
+    let stem = path.file_stem().unwrap_or_default();
+    stem.to_string_lossy().into_owned()
+}
+
 fn file_name(path: &Path) -> String {
     path.file_name()
         .unwrap_or_default()
@@ -208,6 +296,62 @@ mod tests {
         assert!(message.contains("left 2, right 1"), "{message}");
         let message = files(&[("left", &[])]).unwrap_err().to_string();
         assert!(message.contains("left 0"), "{message}");
+    }
+
+    #[test]
+    fn the_pictures_that_a_camera_lacks_are_named() {
+        let message = |left: &[&str], right: &[&str]| {
+            let error = files(&[("left", left), ("right", right)]).unwrap_err();
+            error.to_string()
+        };
+        let told = message(&["l01.png", "l02.png", "l03.png"], &["r01.png", "r3.png"]);
+        assert!(
+            told.ends_with("as many as the others; right has no picture with the number 2"),
+            "{told}"
+        );
+        let told = message(&["l01.png", "l02.png", "l03.png"], &["a.png"]);
+        assert!(told.ends_with("as many as the others"), "{told}");
+        let many: Vec<String> = (1..=30).map(|k| format!("l{k}.png")).collect();
+        let many: Vec<&str> = many.iter().map(String::as_str).collect();
+        let told = message(&many, &["r30.png"]);
+        assert!(
+            told.ends_with("1, 2, 3, 4, 5, 6, 7, 8, 9, 10, … (29 in all)"),
+            "{told}"
+        );
+    }
+
+    #[test]
+    fn one_picture_in_two_files_is_refused() {
+        for [a, b] in [["l/1.jpg", "l/1.png"], ["l/left01.png", "l/left1.png"]] {
+            let message = files(&[("left", &[a, b])]).unwrap_err().to_string();
+            let words = format!("camera left: {a} and {b} have one name");
+            assert!(message.starts_with(&words), "{message}");
+        }
+        for [a, b] in [
+            ["l/1.png", "r/1.png"],
+            ["1a.png", "1b.png"],
+            ["a0.png", "a.png"],
+        ] {
+            assert!(files(&[("left", &[a, b])]).is_ok(), "{a} {b}");
+        }
+    }
+
+    #[test]
+    fn files_of_two_cameras_under_one_name_are_asked_about() {
+        let mixed = files(&[("a", &["left1.png", "left2.png", "right1.png", "right2.png"])]);
+        let words = "camera a: its files have different names, such as left1.png and right1.png: are all of them \
+                     pictures of this camera?";
+        assert_eq!(mixed.unwrap().warnings(), [words]);
+        for names in [
+            ["one.png", "two.png", "three.png"],
+            ["IMG_0401_1.png", "IMG_0401_2.png", "IMG_0402_1.png"],
+            ["l1.png", "l2.png", "last.png"],
+        ] {
+            assert!(
+                files(&[("a", &names)]).unwrap().warnings().is_empty(),
+                "{names:?}"
+            );
+        }
     }
 
     #[test]

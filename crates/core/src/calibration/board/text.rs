@@ -9,7 +9,8 @@ use std::str::FromStr;
 
 const FORM: &str =
     "KIND:COLUMNSxROWS:SQUARE, such as checkerboard:11x8:25mm or charuco:11x8:25mm:two-sided";
-const KINDS: &str = "checkerboard or charuco";
+const KINDS: &str =
+    "checkerboard or charuco (circle grids, AprilGrids and other boards cannot be read)";
 const SIZE: &str = "COLUMNSxROWS in inner corners, such as 11x8";
 const LENGTH: &str = "a length with its unit, such as 25mm";
 

@@ -8,7 +8,7 @@ use super::session::Corner;
 use super::subpixel;
 use crate::calibration::{Board, BoardKind, Face};
 use crate::image::Grid;
-use calib_targets_charuco::{CharucoBoardSpec, CharucoDetector, CharucoParams};
+use calib_targets_charuco::{CharucoBoardSpec, CharucoDetectError, CharucoDetector, CharucoParams};
 use calib_targets_chessboard::{
     ChessCorner, ChessboardDetector, ChessboardParams, DetectorConfig, GrayImageView,
     default_chess_config, detect_corners,
@@ -222,12 +222,16 @@ fn charuco_face(
     let detector = CharucoDetector::new(parameters).map_err(|_| Rejection::Nothing)?;
     let found = detector
         .detect_with_corners(view, features)
-        .map_err(|_| Rejection::Nothing)?;
-    let needed = FEWEST_MARKERS;
-    if found.markers.len() < needed {
-        return Err(Rejection::Few {
-            found: found.corners.len(),
-            needed: 4 * needed,
+        .map_err(|cause| match cause {
+            CharucoDetectError::NoMarkers | CharucoDetectError::AlignmentFailed { .. } => {
+                Rejection::NoMarkers
+            }
+            _ => Rejection::Nothing,
+        })?;
+    if found.markers.len() < FEWEST_MARKERS {
+        return Err(Rejection::FewMarkers {
+            found: found.markers.len(),
+            needed: FEWEST_MARKERS,
         });
     }
     let label = |c: &calib_targets_charuco::CharucoCorner| {
@@ -323,6 +327,22 @@ mod tests {
             find_corners(&picture, &other),
             Err(Rejection::Size { .. })
         ));
+    }
+
+    #[test]
+    fn a_board_whose_markers_are_not_there_is_told_from_no_board() {
+        let plain = Board::checkerboard(9, 6, 0.025).unwrap();
+        let pose = Isometry3::new(Vector3::new(-0.11, -0.05, 0.55), Vector3::zeros());
+        let picture = picture(&plain, &pose, [800, 600]);
+        let with_markers = Board::charuco(9, 6, 0.025, false).unwrap();
+        let found = find_corners(&picture, &with_markers);
+        let is_without = |cause: &Rejection| {
+            matches!(cause, Rejection::NoMarkers | Rejection::FewMarkers { .. })
+        };
+        assert!(found.as_ref().is_err_and(is_without), "{found:?}");
+        let blank = Grid::from_fn(800, 600, |_, _| 128);
+        let found = find_corners(&blank, &with_markers);
+        assert!(matches!(found, Err(Rejection::Nothing)), "{found:?}");
     }
 
     #[test]

@@ -18,6 +18,20 @@ pub enum Rejection {
     /// Nothing like it.
     #[error("no board was found")]
     Nothing,
+    /// A grid without markers, or with those of another board.
+    #[error(
+        "something like a checkerboard was found, but no markers of this board were read in it: they may be too small or \
+         blurred, mirrored, of another dictionary, or laid out otherwise"
+    )]
+    NoMarkers,
+    /// Some markers, too few to say which corners are which.
+    #[error("only {found} of the board's markers were read, expected at least {needed}")]
+    FewMarkers {
+        /// How many were read.
+        found: usize,
+        /// How many are needed.
+        needed: usize,
+    },
     /// Corners with no order.
     #[error("only {found} corners of a board were found, expected at least {needed}")]
     Few {
