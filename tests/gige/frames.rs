@@ -93,6 +93,22 @@ fn a_camera_is_found_by_its_serial_number_and_no_other_is_taken_for_it() {
     );
 }
 
+/// Within which a press comes shortly after a signal.
+const SHORTLY: Duration = Duration::from_millis(40);
+
+/// Raises the signal of the first camera's line, for the `number`-th time (from 1) that a test tries to act shortly
+/// after it; the picture that this exposes.
+fn pulse(stand: &Stand, number: u64) -> usize {
+    assert!(number < 20, "no two lines of this test within {SHORTLY:?}");
+    assert!(stand.rig.pulse_line(&id("c00")));
+    newest_picture(stand)
+}
+
+/// The picture that the first camera has sent last.
+fn newest_picture(stand: &Stand) -> usize {
+    (stand.rig.served(&id("c00")).unwrap() as usize - 1) % CAPTURES
+}
+
 #[test]
 fn a_line_exposes_without_the_daemon() {
     alone("frames::a_line_exposes_without_the_daemon", || {
@@ -108,15 +124,10 @@ fn a_line_exposes_without_the_daemon() {
         device.idle().unwrap();
         std::thread::sleep(Duration::from_millis(120));
         // The pulse comes shortly before the daemon hears of it; on a busy machine perhaps not so shortly.
-        let sent = |stand: &Stand| stand.rig.served(&id("c00")).unwrap() as usize;
-        let mut number = 0;
-        loop {
-            number += 1;
-            assert!(number < 20, "no two lines of this test within 40 ms");
+        for number in 1.. {
             let begin = Instant::now();
-            assert!(stand.rig.pulse_line(&id("c00")));
-            let picture = (sent(&stand) - 1) % CAPTURES;
-            let is_quick = begin.elapsed() < Duration::from_millis(40);
+            let picture = pulse(&stand, number);
+            let is_quick = begin.elapsed() < SHORTLY;
             let (shot, frames, stats) =
                 stand.shoot_within(device.as_mut(), number, Duration::from_millis(500));
             if is_quick {
@@ -134,7 +145,7 @@ fn a_line_exposes_without_the_daemon() {
             });
             let (shot, frames, stats) = stand.shoot(device.as_mut(), 30);
             assert_eq!(frames.len(), 1, "{stats:?}");
-            assert!(stand.is_picture(&frames[0], 0, (sent(&stand) - 1) % CAPTURES));
+            assert!(stand.is_picture(&frames[0], 0, newest_picture(&stand)));
             assert!(milliseconds_after(&shot, &frames[0]) > 80.0);
         });
         let (_, frames, stats) = stand.shoot_within(device.as_mut(), 3, Duration::from_millis(200));
@@ -160,14 +171,11 @@ fn a_look_at_a_line_shows_what_the_newest_signal_exposed_and_leaves_it_to_a_pres
             let (seen, lost) = look(&stand, device.as_mut());
             assert!(seen.is_empty() && begin.elapsed() < Duration::from_secs(1));
             assert!(lost[0].contains("no signal came"), "{lost:?}");
-            let sent = |stand: &Stand| stand.rig.served(&id("c00")).unwrap() as usize;
-            assert_eq!(sent(&stand), 0);
+            assert_eq!(stand.rig.served(&id("c00")).unwrap(), 0);
             // A press right after a signal has the frame that a look has shown.
             for number in 1.. {
-                assert!(number < 20, "no two lines of this test within 40 ms");
                 let begin = Instant::now();
-                assert!(stand.rig.pulse_line(&id("c00")));
-                let picture = (sent(&stand) - 1) % CAPTURES;
+                let picture = pulse(&stand, number);
                 let seen = loop {
                     let (seen, _) = look(&stand, device.as_mut());
                     if !seen.is_empty() {
@@ -176,7 +184,7 @@ fn a_look_at_a_line_shows_what_the_newest_signal_exposed_and_leaves_it_to_a_pres
                     assert!(begin.elapsed() < Duration::from_secs(10));
                 };
                 assert!(stand.is_picture(&seen[0], 0, picture));
-                let is_quick = begin.elapsed() < Duration::from_millis(40);
+                let is_quick = begin.elapsed() < SHORTLY;
                 let patience = Duration::from_millis(500);
                 let (_, frames, stats) = stand.shoot_within(device.as_mut(), number, patience);
                 if is_quick {

@@ -187,12 +187,8 @@ impl Region {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::calibration::{Camera, DepthCamera, DepthResponse, Distortion, Intrinsics};
-    use crate::frame::CameraId;
     use crate::image::Grid;
-    use crate::reconstruct::depth::{DepthKind, Facts, SensorNoise};
-    use crate::reconstruct::region::{Bias, BiasSource, HullRenderings};
-    use nalgebra::{Vector2, Vector3};
+    use crate::reconstruct::testing::{camera, evidence};
     use std::ops::Range;
     use std::slice::from_ref;
 
@@ -201,18 +197,10 @@ mod tests {
 
     /// A depth camera 0.8 m above the origin of its own rig, which lies at `x` in the scene.
     fn seen_from(capture: usize, rank: u8, x: f64) -> DepthInRigFrame {
-        let (focal, middle) = (Vector2::repeat(575.0), Vector2::repeat(23.5));
-        let lens = Intrinsics::new(SIDE, SIDE, focal, middle, Distortion::default());
-        let from = Point3::new(0.0, 0.0, 0.8);
-        let pose = Isometry3::face_towards(&from, &Point3::origin(), &Vector3::y());
-        let camera = Camera::new(CameraId::new("kinect").unwrap(), lens.unwrap(), pose);
         let corner = Point3::new(0.1, 0.1, 0.1);
         DepthInRigFrame {
             view: DepthView {
-                camera: DepthCamera {
-                    camera,
-                    response: DepthResponse::default(),
-                },
+                camera: camera(SIDE, 0.8),
                 frames: Vec::new(),
             },
             volume: Volume::new(-corner, corner).unwrap(),
@@ -224,41 +212,11 @@ mod tests {
 
     /// A depth of 0.8 m everywhere, and a region in each of some ranges of columns.
     fn read(columns: &[Range<usize>]) -> (EnhancedDepth, Regions) {
-        let all = |value: f32| Grid::filled(SIDE, SIDE, value);
         let label = |x: usize, _| {
             let place = columns.iter().position(|range| range.contains(&x));
             place.map_or(0, |place| place as u16 + 1)
         };
-        let enhanced = EnhancedDepth {
-            depth: all(0.8),
-            kind: Grid::filled(SIDE, SIDE, DepthKind::Measured),
-            sigma: all(1e-3),
-            noise: SensorNoise {
-                per_square_depth: 0.0,
-                jitter_px: 0.0,
-                fixed_per_square_depth: 0.0,
-                median_deviation: 0.0,
-            },
-            facts: Facts::default(),
-        };
-        let regions = Regions {
-            front: HullRenderings {
-                depth: all(0.7),
-                exit: all(0.9),
-                is_front: Grid::filled(SIDE, SIDE, true),
-            },
-            difference: all(0.1),
-            sigma_difference: 0.1,
-            labels: Grid::from_fn(SIDE, SIDE, label),
-            count: columns.len(),
-            bias: Bias {
-                metres: 0.0,
-                found: 0.0,
-                remaining: 0.0,
-                source: BiasSource::None,
-            },
-        };
-        (enhanced, regions)
+        evidence(0.8, Grid::from_fn(SIDE, SIDE, label))
     }
 
     /// The labels that are left of the regions in some columns of two depth views.

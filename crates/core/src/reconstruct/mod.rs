@@ -13,6 +13,8 @@ pub mod restore;
 mod scene;
 pub mod silhouette;
 pub mod surface;
+#[cfg(test)]
+mod testing;
 pub mod texture;
 pub mod uncertainty;
 
