@@ -20,12 +20,11 @@ import shutil
 import signal
 import socket
 import statistics
-import subprocess
 import sys
-import tempfile
 import threading
 import time
-from pathlib import Path
+
+from simulated_rig import SimulatedRig, enter_namespace
 
 CAMERAS = 6
 BLOCK = 20
@@ -67,41 +66,12 @@ class SlowWire:
         far.close()
 
 
-class Rig:
+class Rig(SimulatedRig):
     def __init__(self, options):
-        self.scand = str(Path(options.scand).resolve())
-        self.home = Path(tempfile.mkdtemp(prefix="fleet-presses-", dir=options.folder))
+        super().__init__("fleet-presses", options)
         self.size = options.size
-        self.running = {}
-
-    def environment(self):
         # A debug build of changes that are not committed has no name that others could have; a release build ignores this.
-        return {**os.environ, "SCAND_FLEET_TEST_PROGRAM": "bench"}
-
-    def command(self, *arguments):
-        made = subprocess.run([self.scand, *arguments], cwd=self.home, capture_output=True, text=True)
-        if made.returncode != 0:
-            sys.exit(f"fleet-presses: scand {' '.join(arguments)}: {made.stderr}")
-
-    def start(self, name, *command, said=None):
-        with open(self.home / f"{name}.log", "ab") as log:
-            self.running[name] = subprocess.Popen(
-                command, cwd=self.home, stdin=subprocess.PIPE, stdout=log, stderr=log, env=self.environment()
-            )
-        for words in said or []:
-            self.until(name, words)
-
-    def until(self, name, words):
-        end = time.monotonic() + 60
-        while words not in (self.home / f"{name}.log").read_text():
-            if time.monotonic() > end:
-                sys.exit(f"fleet-presses: {name} does not say {words!r}:\n{(self.home / f'{name}.log').read_text()}")
-            time.sleep(0.05)
-
-    def stop(self, name, by=signal.SIGTERM):
-        if process := self.running.pop(name, None):
-            process.send_signal(by)
-            process.wait()
+        os.environ["SCAND_FLEET_TEST_PROGRAM"] = "bench"
 
     def configure(self, name, address=None):
         fleet = f'fleet = "{address}"' if address else ""
@@ -144,8 +114,7 @@ packet_size = 9000
         self.ready = ready
         self.start_daemon(SERVER_PORT)
         self.command("background", "--socket", "scand.sock")
-        self.running["cameras"].stdin.write(b"captures\n")
-        self.running["cameras"].stdin.flush()
+        self.tell_cameras("captures")
         time.sleep(0.3)
         self.command("session", "start", "bench", "--socket", "scand.sock")
 
@@ -153,20 +122,10 @@ packet_size = 9000
         (self.home / "daemon.log").unlink(missing_ok=True)
         self.start("daemon", self.scand, "run", "--config", f"{configuration}.toml", said=self.ready)
 
-    def press(self, number, until="durable"):
+    def timed(self, number, until="durable"):
         """One press; milliseconds until it is `durable`, or `done`."""
-        with socket.socket(socket.AF_UNIX) as client:
-            client.connect(str(self.home / "scand.sock"))
-            began = time.monotonic()
-            request = {"type": "trigger", "source": "bench", "press_id": f"bench-{number}", "until": until}
-            client.sendall(json.dumps(request).encode() + b"\n")
-            for line in client.makefile():
-                reply = json.loads(line)
-                if reply["type"] == until:
-                    return 1000 * (time.monotonic() - began)
-                if reply["type"] not in ["accepted", "captured", "durable"]:
-                    sys.exit(f"fleet-presses: {line}")
-        sys.exit("fleet-presses: the daemon hung up")
+        seconds, _ = self.press(f"bench-{number}", until)
+        return 1000 * seconds
 
     def jobs(self):
         return list((self.home / "recordings/jobs").glob("*.job"))
@@ -178,11 +137,7 @@ packet_size = 9000
             written = job.with_suffix(".part")
             written.write_text(json.dumps(answer))
             written.rename(job.with_suffix(".answer"))
-        end = time.monotonic() + 60
-        while self.jobs():
-            if time.monotonic() > end:
-                sys.exit("fleet-presses: the daemon does not end its jobs")
-            time.sleep(0.05)
+        self.until(lambda: not self.jobs(), lambda: "the daemon does not end its jobs")
 
     def start_server(self):
         server = ["nats-server", "--jetstream", "--addr", "127.0.0.1", "--port", str(SERVER_PORT)]
@@ -206,7 +161,7 @@ packet_size = 9000
                 address = f"nats://127.0.0.1:{SERVER_PORT}"
                 self.start("worker", self.scand, "worker", "--fleet", address, "--name", "w", "--scratch", "scratch")
                 time.sleep(2)
-            found[way] = [self.press(f"done-{way[:3]}-{n}", "done") for n in range(presses)]
+            found[way] = [self.timed(f"done-{way[:3]}-{n}", "done") for n in range(presses)]
         for name in ["worker", "fleet", "server"]:
             self.stop(name)
         return found
@@ -222,18 +177,13 @@ packet_size = 9000
         dice = random.Random(number)
         times = []
         for press in range(BLOCK):
-            times.append(self.press(number * BLOCK + press))
+            times.append(self.timed(number * BLOCK + press))
             time.sleep(dice.uniform(0.2, 0.5))
         self.withdraw_jobs()
         self.stop("fleet")
         self.stop("server", signal.SIGKILL)
         shutil.rmtree(self.home / "store", ignore_errors=True)
         return times
-
-    def end(self):
-        for name in ["worker", "fleet", "daemon", "cameras", "server"]:
-            self.stop(name)
-        shutil.rmtree(self.home)
 
 
 def quantile(values, share):
@@ -250,12 +200,7 @@ def main():
     options = parser.parse_args()
     if options.presses < BLOCK or options.presses % BLOCK:
         parser.error(f"--presses is {options.presses}: expected a multiple of {BLOCK}, the presses in a block")
-    if "SCAND_IN_NAMESPACE" not in os.environ:
-        os.environ["SCAND_IN_NAMESPACE"] = "1"
-        os.execvp("unshare", ["unshare", "--user", "--map-root-user", "--net", sys.executable, *sys.argv])
-    subprocess.run(["ip", "link", "set", "lo", "up"], check=True)
-    for n in range(CAMERAS):
-        subprocess.run(["ip", "address", "add", f"127.0.1.{n + 1}/8", "dev", "lo"], check=True)
+    enter_namespace(CAMERAS)
     SlowWire()
     rig = Rig(options)
     try:
@@ -269,7 +214,7 @@ def main():
                 number += 1
         done = rig.until_done(options.done)
     finally:
-        rig.end()
+        rig.end("worker", "fleet", "daemon", "cameras", "server")
     alone = found["without the fleet"]
     delayed = []
     for way, times in found.items():

@@ -17,15 +17,15 @@ import argparse
 import json
 import os
 import shutil
-import signal
 import socket
 import statistics
 import subprocess
 import sys
-import tempfile
 import threading
 import time
 from pathlib import Path
+
+from simulated_rig import SimulatedRig, enter_namespace
 
 ROOT = Path(__file__).parent.parent
 CAMERAS = 11
@@ -75,32 +75,10 @@ class Events:
                     sys.exit(f"fuse-times: no event {kind} {members} within {PATIENCE} s")
 
 
-class Rig:
+class Rig(SimulatedRig):
     def __init__(self, options):
+        super().__init__("fuse-times", options)
         self.options = options
-        self.scand = str(Path(options.scand).resolve())
-        self.home = Path(tempfile.mkdtemp(prefix="fuse-times-", dir=options.folder))
-        self.running = {}
-
-    def command(self, *arguments):
-        made = subprocess.run([self.scand, *arguments], cwd=self.home, capture_output=True, text=True)
-        if made.returncode != 0:
-            sys.exit(f"fuse-times: scand {' '.join(arguments)}: {made.stderr}")
-
-    def start(self, name, *arguments, said, **environment):
-        with open(self.home / f"{name}.log", "ab") as log:
-            self.running[name] = subprocess.Popen(
-                [self.scand, *arguments], cwd=self.home, stdin=subprocess.PIPE, stdout=log, stderr=log, env={**os.environ, **environment}
-            )
-        for words in said:
-            self.until(f"{name} does not say {words!r}", lambda: words in (self.home / f"{name}.log").read_text())
-
-    def until(self, problem, is_so):
-        end = time.monotonic() + 60
-        while not is_so():
-            if time.monotonic() > end:
-                sys.exit(f"fuse-times: {problem}")
-            time.sleep(0.05)
 
     def prepare(self):
         stage = subprocess.run([ROOT / "tests/openni2-sensor/stage.sh"], check=True, capture_output=True, text=True)
@@ -110,12 +88,12 @@ class Rig:
         self.command("simulate", *shape, *poses, "--subject", SUBJECT, "--out", "served.mcap")
         self.command("info", "served.mcap", "--calibration", "calibration.toml")
         served = ["served.mcap", "--empty", "--sensor-frames", "frames"]
-        self.start("cameras", "simulate", "--serve", *served, said=["serving"])
+        self.start("cameras", self.scand, "simulate", "--serve", *served, said=["serving"])
         self.play(0)
         ready = [f"camera {name} is ready: " for name in [*(f"c{n:02}" for n in range(CAMERAS)), "kinect"]]
         sensor = {"SCAND_OPENNI2_FRAMES": self.home / "frames", "SCAND_OPENNI2_CONTROL": self.home / "control"}
         libraries = {"LD_LIBRARY_PATH": stage.stdout.strip()}
-        self.start("daemon", "run", "--config", "rig.toml", said=ready, **sensor, **libraries)
+        self.start("daemon", self.scand, "run", "--config", "rig.toml", said=ready, **sensor, **libraries)
         self.command("background", "--socket", "scand.sock")
         self.command("session", "start", "times", "--socket", "scand.sock")
         self.events = Events(str(self.home / "scand.sock"))
@@ -127,30 +105,13 @@ class Rig:
 
     def show(self, pose):
         """Puts the object into a pose."""
-        log = self.home / "cameras.log"
-        obeyed = log.read_text().count("ok\n")
-        self.running["cameras"].stdin.write(f"captures {pose}\n".encode())
-        self.running["cameras"].stdin.flush()
+        obeyed = self.log("cameras").count("ok\n")
+        self.tell_cameras(f"captures {pose}")
         self.play(pose)
-        self.until("the cameras do not obey", lambda: log.read_text().count("ok\n") > obeyed)
+        self.until(lambda: self.log("cameras").count("ok\n") > obeyed, lambda: "the cameras do not obey")
         heard = self.home / "control.heard-kinect"
-        self.until("the depth camera does not obey", lambda: not heard.exists() or heard.read_text() == f"* capture {pose}\n")
-
-    def press(self, name, subject):
-        """One press; the capture's name."""
-        request = {"type": "trigger", "source": "bench", "press_id": name, "until": "durable"}
-        if subject:
-            request["subject"] = subject
-        with socket.socket(socket.AF_UNIX) as client:
-            client.connect(str(self.home / "scand.sock"))
-            client.sendall(json.dumps(request).encode() + b"\n")
-            for line in client.makefile():
-                reply = json.loads(line)
-                if reply["type"] == "durable":
-                    return reply["capture"]
-                if reply["type"] not in ["accepted", "captured"]:
-                    sys.exit(f"fuse-times: {line}")
-        sys.exit("fuse-times: the daemon hung up")
+        is_heard = lambda: not heard.exists() or heard.read_text() == f"* capture {pose}\n"
+        self.until(is_heard, lambda: "the depth camera does not obey")
 
     def round(self, number, has_subject):
         """For each number of captures the seconds that it took, by name."""
@@ -158,7 +119,9 @@ class Rig:
         found = {}
         for pose in range(len(POSES)):
             self.show(pose)
-            capture = self.press(f"round-{number}-{pose}", subject)
+            about = {"subject": subject} if subject else {}
+            _, reply = self.press(f"round-{number}-{pose}", "durable", **about)
+            capture = reply["capture"]
             durable, _ = self.events.wait("durable", capture=capture)
             done, _ = self.events.wait("done", capture=capture)
             times = {"done": done - durable}
@@ -186,13 +149,6 @@ class Rig:
         stages = {stage["stage"]: stage["seconds"] for stage in report["timing"]["stages"]}
         return stages["registration"], took, 1024 * used.ru_maxrss
 
-    def end(self):
-        for name in ["daemon", "cameras"]:
-            if process := self.running.pop(name, None):
-                process.send_signal(signal.SIGTERM)
-                process.wait()
-        shutil.rmtree(self.home)
-
 
 def told(values):
     return f"median {statistics.median(values):.1f} s, at most {max(values):.1f} s"
@@ -208,12 +164,7 @@ def main():
     options = parser.parse_args()
     if options.rounds < 1:
         parser.error(f"--rounds is {options.rounds}: expected 1 or more")
-    if "SCAND_IN_NAMESPACE" not in os.environ:
-        os.environ["SCAND_IN_NAMESPACE"] = "1"
-        os.execvp("unshare", ["unshare", "--user", "--map-root-user", "--net", sys.executable, *sys.argv])
-    subprocess.run(["ip", "link", "set", "lo", "up"], check=True)
-    for n in range(CAMERAS):
-        subprocess.run(["ip", "address", "add", f"127.0.1.{n + 1}/8", "dev", "lo"], check=True)
+    enter_namespace(CAMERAS)
     rig = Rig(options)
     alone, together = [], []
     try:
@@ -224,7 +175,7 @@ def main():
                 (together if has_subject else alone).append(rig.round(2 * turn + has_subject, has_subject))
         poses, whole, memory = rig.by_hand()
     finally:
-        rig.end()
+        rig.end("daemon", "cameras")
     late = []
     print(f"{options.shape}, {options.size}, {os.cpu_count()} processors, {options.rounds} rounds:")
     for count in range(2, len(POSES) + 1):
