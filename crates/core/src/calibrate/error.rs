@@ -64,8 +64,8 @@ pub enum Error {
     NoBoard,
     /// A lens for pictures of another size.
     #[error(
-        "camera {camera}: the given lens is for pictures of {}x{} pixels, but its pictures have \
-        {}x{}",
+        "camera {camera}: the given lens is for pictures of {}x{} pixels, but its pictures have {}x{}: a lens is valid only \
+         for pictures of the size that it was calibrated with",
         lens[0], lens[1], found[0], found[1]
     )]
     LensSize {

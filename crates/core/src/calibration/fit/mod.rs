@@ -150,7 +150,10 @@ pub enum Error {
         ambiguous: Vec<[CameraId; 2]>,
     },
     /// No such placement.
-    #[error("the table's placement {name:?} was not used, expected one of {known}")]
+    #[error(
+        "placement {name:?} cannot define the rig's frame, because no view of it was used: expected one of {known} \
+         (--table-placement)"
+    )]
     NoSuchPlacement {
         /// What was asked for.
         name: String,

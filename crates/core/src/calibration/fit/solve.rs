@@ -407,7 +407,11 @@ impl<'a> Solver<'a> {
             min_views: self.parameters.min_views,
         };
         let settled = settled(self.bundle, folds).ok_or_else(|| {
-            Error::Unsolvable("the views do not determine all lenses and poses".into())
+            Error::Unsolvable(
+                "the views do not determine all lenses and poses; show the board at more places, tilted in different \
+                 directions"
+                    .into(),
+            )
         })?;
         self.bundle = settled.bundle;
         let covariance = settled.covariance;

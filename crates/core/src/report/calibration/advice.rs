@@ -13,8 +13,9 @@ pub(super) fn advice(kind: ReasonKind) -> &'static str {
         }
         ReasonKind::AtOnePlace => "Check the cameras' cables and names.",
         ReasonKind::Residual => {
-            "Look at its arrows below: one direction means that it moved, a whirl or a star another lens model \
-             (--model rational), noise everywhere blur, poor light or a board that is not flat."
+            "Look at its arrows below. If they point in one direction, the camera or the board moved. If they form a whirl or \
+             a star, try another lens model (--model rational). If they look like noise everywhere, the picture is blurred \
+             or badly lit, or the board is not flat."
         }
         ReasonKind::BeyondLensModel => {
             "Try --model rational. No model reaches a fisheye lens: undistort its pictures first, or use another lens."
@@ -23,7 +24,7 @@ pub(super) fn advice(kind: ReasonKind) -> &'static str {
             "Calibrate without --fix-intrinsics, or give the lens as it is now: of this focus, zoom and size of picture."
         }
         ReasonKind::DroppedCorners => {
-            "Check that the board is flat and evenly lit, and its picture sharp."
+            "Check that the board is flat and evenly lit, and that its picture is sharp."
         }
         ReasonKind::FewViews => "Show it the board more often, in different tilts.",
         ReasonKind::Coverage => "Hold the board into the corners of its picture too.",
@@ -32,7 +33,7 @@ pub(super) fn advice(kind: ReasonKind) -> &'static str {
             "Show the board at four places or more where it and one of the other cameras see it at once."
         }
         ReasonKind::FocalLength => {
-            "Show it the board more often, tilted by 30° and more to all sides, and into its picture's corners."
+            "Show it the board more often, tilted by 30° and more to all sides, also in the corners of its picture."
         }
         ReasonKind::HeldOut => {
             "Add placements in other tilts and places; check that the board is flat and no lens moves."
@@ -60,17 +61,17 @@ pub(super) fn advice(kind: ReasonKind) -> &'static str {
             "Show it the board more often, tilted, from the nearest to the farthest distance that matters."
         }
         ReasonKind::DepthBias => {
-            "Show it the board at more distances; check that the board is flat and its picture sharp."
+            "Show it the board at more distances; check that the board is flat and that its picture is sharp."
         }
         ReasonKind::DepthUnknown => {
-            "Show it the board at more places and tilts, together with other cameras: its own place is what is known \
-             least."
+            "Show it the board at more places and tilts, together with other cameras: what is known least is where it is \
+             itself."
         }
         ReasonKind::DepthLeftOut => {
-            "See which boards, below. Hold the board still until all cameras have seen it, and show it again."
+            "See below which boards they are. Hold the board still until all cameras have seen it, and show it again."
         }
         ReasonKind::DepthChanged => {
-            "Perhaps it was still warming up, or its settings changed. Show the board again, or calibrate from the sound \
+            "It may still have been warming up, or its settings may have changed. Show the board again, or calibrate from the sound \
              part of the session alone."
         }
         ReasonKind::DepthMisregistered => {
