@@ -93,7 +93,7 @@ impl Worker {
             seconds: 0.0,
         };
         self.running.lock().insert(slot, (job, Instant::now()));
-        log::info!("capture {capture} of {rig}: started");
+        log::info!("capture {capture} of {rig}: its model is being made");
         self.report_started(rig, digest).await;
         self.send_heartbeat().await;
         let done = {
@@ -224,7 +224,7 @@ impl Worker {
         };
         if self.report(rig, &offer.digest, &reported).await {
             self.results.fetch_add(1, Ordering::Relaxed);
-            log::info!("capture {} of {rig}: sent", offer.capture);
+            log::info!("capture {} of {rig}: its result was sent", offer.capture);
             ExecutionEnd::JobReport
         } else {
             ExecutionEnd::Stopped

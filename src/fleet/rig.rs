@@ -149,11 +149,11 @@ async fn run_job(offers: &Arc<Dispatcher>, plan: &RigPlan, handed: &OfferedJob) 
     let said: Mutex<Option<Instant>> = Mutex::default();
     let problems: Mutex<BTreeMap<String, ()>> = Mutex::default();
     let on_event = |event: JobEvent| match event {
-        JobEvent::Offered => log::info!("capture {capture}: offered to the fleet"),
+        JobEvent::Offered => log::info!("capture {capture} was offered to the fleet"),
         JobEvent::Started(worker) => {
             let mut said = said.lock();
             if said.is_none() {
-                log::info!("capture {capture}: started by worker {worker}");
+                log::info!("worker {worker} has begun the model of capture {capture}");
             }
             if said.is_none_or(|said| said.elapsed() >= REPEAT_INTERVAL) {
                 *said = Some(Instant::now());
@@ -213,7 +213,7 @@ async fn hear_retries(fleet: FleetClient, recordings: PathBuf) {
         let capture = Some(wanted.as_str()).filter(|wanted| !wanted.is_empty());
         let answer = match handover::offer_failed_again(&recordings, capture) {
             Ok(count) => {
-                log::notice!("a request to offer failed jobs again: offered {count}");
+                log::notice!("failed jobs were offered again on request: {count}");
                 count.to_string()
             }
             Err(error) => {

@@ -102,8 +102,8 @@ pub enum Error {
     NoTls(String),
     /// A proxy that is not named by its address.
     #[error(
-        "proxy: found {0:?}, expected an address, such as 127.0.0.1, or localhost: whoever answers for another name could \
-         say in the place of the proxy for whom it asks"
+        "proxy is {0:?}, expected an address, such as 127.0.0.1, or localhost: a computer that another name leads to could \
+         pretend to be the proxy, and name any client it likes"
     )]
     Proxy(String),
     /// An origin that is refused.

@@ -35,7 +35,7 @@ impl MeasuredArgs {
             let measured = measured(&given[2], LONGEST_DISTANCE, DISTANCE);
             anyhow::ensure!(
                 given[0] != given[1],
-                "--distance: {} twice, expected two cameras",
+                "--distance names camera {} twice, expected two different cameras",
                 given[0]
             );
             Ok(CameraDistance {

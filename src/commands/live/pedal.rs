@@ -104,7 +104,7 @@ fn tell_whether_there(daemon: &Daemon) {
 fn press(daemon: &Daemon, press_id: &str) {
     let end = daemon.press(press_id, &mut |reply| {
         if let Reply::Captured { capture, .. } = reply {
-            log::info!("{capture}: captured, hands may move");
+            log::info!("{capture} is captured: hands may move");
         }
     });
     match end {

@@ -48,8 +48,8 @@ pub fn run(args: Args) -> anyhow::Result<ExitCode> {
             args.source.config.display(),
             count(prepared.rig_cameras.len(), "camera"),
             match prepared.calibration {
-                Some(_) => "all of them calibrated",
-                None => "not calibrated: no models will be made",
+                Some(_) => "all of them are calibrated",
+                None => "they are not calibrated, so no models will be made",
             }
         );
         return Ok(ExitCode::SUCCESS);

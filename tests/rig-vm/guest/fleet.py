@@ -111,7 +111,7 @@ def lost():
     worker_since = scand.now()
     contains(scand.ask("trigger"), "durable")
     start_server()
-    until("the worker did it", lambda: ": sent" in scand.said(worker_since, WORKER), 900)
+    until("the worker did it", lambda: ": its result was sent" in scand.said(worker_since, WORKER), 900)
 
 
 @chapter.step("an archive is made by the worker's unit, in its sandbox")

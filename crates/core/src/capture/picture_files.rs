@@ -324,7 +324,7 @@ mod tests {
     fn one_picture_in_two_files_is_refused() {
         for [a, b] in [["l/1.jpg", "l/1.png"], ["l/left01.png", "l/left1.png"]] {
             let message = files(&[("left", &[a, b])]).unwrap_err().to_string();
-            let words = format!("camera left: {a} and {b} have one name");
+            let words = format!("camera left: {a} and {b} have names that differ only in zeros");
             assert!(message.starts_with(&words), "{message}");
         }
         for [a, b] in [

@@ -107,7 +107,7 @@ pub struct Silhouette {
 pub enum Error {
     /// A picture that does not fit its camera.
     #[error(
-        "camera {camera}: its {what} is {}x{} pixels, its calibration {}x{}",
+        "camera {camera}: its {what} has {}x{} pixels, but its calibration is for {}x{}",
         found.0, found.1, expected.0, expected.1
     )]
     Size {
