@@ -48,8 +48,9 @@ pub enum Error {
     },
     /// Two files of a camera that seem to be one picture.
     #[error(
-        "camera {camera}: {} and {} have names that differ only in zeros or the ending, so they may be the same picture: give only \
-         one of them, such as {camera}='FOLDER/*.png', or rename one", files[0].display(), files[1].display()
+        "camera {camera}: {} and {} have names that differ only in zeros or the ending, so they may be the same picture: \
+         give only one of them, such as {camera}='FOLDER/*.png', or rename one",
+        files[0].display(), files[1].display()
     )]
     SameName {
         camera: CameraId,
