@@ -119,7 +119,11 @@ mod long {
             &[&by_pattern[..], &board, &["none.toml"]].concat(),
         );
         assert_eq!(code, Some(1), "{words}");
-        assert!(words.contains("c00 24, c02 23"), "{words}");
+        assert!(
+            words.contains("c00 24, c02 23")
+                && words.contains("c02 has no picture with the number 7"),
+            "{words}"
+        );
         std::fs::remove_file(folder.path().join("c00/3.png")).unwrap();
         let arguments = [&by_pattern[..3], &board, &["shifted.toml"]].concat();
         let (_, words) = calibrate(folder.path(), &arguments);
