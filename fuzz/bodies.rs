@@ -8,7 +8,9 @@ use scand::calibration::{
 use scand::capture::CaptureSession;
 use scand::config::Config;
 use scand::frame::CameraId;
-use scand::image::{Grid, RgbImage, grey_from_file, rgb_from_file};
+use scand::image::{
+    Grid, RgbImage, grey_from_file, grey_of_used_bits, orientation_of_file, rgb_from_file,
+};
 use scand::mesh::check;
 use scand::reconstruct::{
     ColorView, DepthFrame, DepthView, NoProgress, Parameters, Scene, SilhouetteSource, reconstruct,
@@ -76,6 +78,8 @@ pub fn picture(bytes: &[u8]) {
             assert_eq!((picture.width(), picture.height()), (64, 48));
         }
         let _grey = grey_from_file(format, bytes, (64, 48));
+        let _of_board = grey_of_used_bits(format, bytes, (64, 48));
+        assert!((1..=8).contains(&orientation_of_file(format, bytes)));
     }
 }
 
