@@ -57,8 +57,8 @@ pub fn find_corners(picture: &Grid<u8>, board: &Board) -> Result<(Face, Vec<Corn
 /// What was found; of two errors the one that says more.
 fn better<T>(first: Result<T, Rejection>, second: Result<T, Rejection>) -> Result<T, Rejection> {
     match (&first, &second) {
-        (Ok(_), _) => first,
-        (Err(Rejection::Nothing), _) | (_, Ok(_)) => second,
+        (Ok(_), _) | (Err(Rejection::NoMarkers), Err(Rejection::Nothing)) => first,
+        (Err(Rejection::Nothing | Rejection::NoMarkers), _) | (_, Ok(_)) => second,
         _ => first,
     }
 }
