@@ -191,7 +191,7 @@ fn mixed_words(camera: &CameraId, files: &[PathBuf]) -> Option<String> {
     let several: Vec<&PathBuf> = (named.values().filter(|files| files.len() > 1))
         .filter_map(|files| files.first().copied())
         .collect();
-    let [one, other, ..] = several[..] else {
+    let [one, other, ..] = several.as_slice() else {
         return None;
     };
     Some(format!(
