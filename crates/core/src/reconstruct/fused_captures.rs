@@ -251,6 +251,7 @@ mod tests {
             sigma_difference: 0.1,
             labels: Grid::from_fn(SIDE, SIDE, label),
             count: columns.len(),
+            last_hollow: columns.len(),
             bias: Bias {
                 metres: 0.0,
                 found: 0.0,

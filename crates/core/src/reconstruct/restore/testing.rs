@@ -48,6 +48,7 @@ pub(super) fn evidence(depth: f32) -> (EnhancedDepth, Regions) {
         sigma_difference: 0.1,
         labels: Grid::filled(SIDE, SIDE, 1),
         count: 1,
+        last_hollow: 1,
         bias: Bias {
             metres: 0.0,
             found: 0.0,
