@@ -251,7 +251,7 @@ mod tests {
         seen(is_claimed, |x, y| {
             if is_claimed(x, y) && y < 20 {
                 FRONT
-            } else if (30..50).contains(&x) && y < 50 && y >= 10 {
+            } else if is_claimed(x, y) && (30..50).contains(&x) {
                 0.74
             } else {
                 TABLE
@@ -285,7 +285,9 @@ mod tests {
         for (x, y) in [(40, 14), (7, 46), (72, 46)] {
             assert!(!regions.contains(x, y), "{x} {y}");
         }
-        assert!(regions.free_space().iter().sum::<usize>() > 100);
+        let free_space = regions.free_space();
+        assert_eq!(free_space.len(), regions.count);
+        assert!(free_space.iter().sum::<usize>() > 100, "{free_space:?}");
     }
 
     #[test]

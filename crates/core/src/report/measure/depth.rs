@@ -130,7 +130,8 @@ impl RegionMeasures {
             free_space_count: free_space.len(),
             free_space_pixels: free_space.iter().sum(),
             pixels: inside.len(),
-            share: share(inside.len(), front_pixels),
+            // Free space may lie where the hull faces away, beyond its front.
+            share: share(inside.len(), front_pixels).min(1.0),
             coverage: share(kind(DepthKind::Measured), inside.len()),
             filled: share(kind(DepthKind::Filled), inside.len()),
             empty: share(kind(DepthKind::None), inside.len()),
