@@ -8,8 +8,9 @@ use super::restore::{self, Restored, Source, Template};
 use super::silhouette::{self, Silhouette};
 use super::surface::{Lattice, Solid};
 use super::texture;
-use super::uncertainty::{self, FairedHull, UnrequiredPiece};
-use super::{FusedCaptures, Model, Progress, Scene, Stage, Texture};
+use super::uncertainty::{self, FairedHull, OutsideErrors, UnrequiredPiece};
+use super::{DepthView, FusedCaptures, Model, Progress, Scene, Stage, Texture};
+use crate::calibration::DepthCamera;
 use crate::image::Mask;
 use crate::mesh::{
     Component, Mesh, Simplified, SimplifyError, check, components, simplify, vertex_normals,
@@ -197,16 +198,6 @@ pub fn reconstruct_from(
         parameters: &parameters.hull,
         front_threshold: parameters.region.front_threshold,
     };
-    let hulls = Hulls {
-        plain: &extracted.surface.mesh,
-        start: &start.surface.mesh,
-    };
-    let mut depths = depths(scene, fused_captures, &hulls, parameters, &begin)?;
-    let regions = depths.iter_mut().map(|d| (&d.enhanced, &mut d.regions));
-    fused_captures.leave_each_region_to_one(&mut regions.collect::<Vec<_>>());
-
-    begin(Stage::Restoration)?;
-    let mut restored = restore(&template, scene, &depths, parameters)?;
     let faired_hull = match &faired {
         Some(Ok((faired, _))) => Some(FairedHull {
             plain: &extracted.surface.mesh,
@@ -214,6 +205,17 @@ pub fn reconstruct_from(
         }),
         _ => None,
     };
+    let hulls = Hulls {
+        plain: &extracted.surface.mesh,
+        start: &start.surface.mesh,
+        errors: OutsideErrors::new(&hull, faired_hull, lattice.cell_size),
+    };
+    let mut depths = depths(scene, fused_captures, &hulls, parameters, &begin)?;
+    let regions = depths.iter_mut().map(|d| (&d.enhanced, &mut d.regions));
+    fused_captures.leave_each_region_to_one(&mut regions.collect::<Vec<_>>());
+
+    begin(Stage::Restoration)?;
+    let mut restored = restore(&template, scene, &depths, parameters)?;
     let read = scene.depths.iter().zip(&depths);
     let evidence = uncertainty::Evidence {
         hull: &hull,
@@ -405,6 +407,8 @@ struct Hulls<'a> {
     plain: &'a Mesh,
     /// That which regions are found on: the faired hull, if there is one.
     start: &'a Mesh,
+    /// How far that is expected to be off.
+    errors: OutsideErrors<'a>,
 }
 
 /// Enhances each depth view and finds its regions.
@@ -441,17 +445,41 @@ fn depths(
     }
     fuse_depths(scene, &mut seen);
     begin(Stage::Region)?;
-    let find = |seen: DepthOfHull| DepthResult {
-        regions: region::find(
-            seen.front,
-            &seen.enhanced,
-            seen.bias,
-            &seen.object,
-            &parameters.region,
-        ),
-        enhanced: seen.enhanced,
+    let find = |(view, seen): (&DepthView, DepthOfHull)| {
+        let DepthOfHull {
+            front,
+            object,
+            enhanced,
+            bias,
+        } = seen;
+        let mut regions = region::find(front, &enhanced, bias, &object, &parameters.region);
+        let camera = &view.camera;
+        add_free_space(&mut regions, &enhanced, &object, camera, hulls, parameters);
+        DepthResult { enhanced, regions }
     };
-    Ok(seen.into_iter().map(find).collect())
+    Ok(scene.depths.iter().zip(seen).map(find).collect())
+}
+
+/// Adds what a depth camera sees through although the hull claims it, if the model is carved in regions: the paper's
+/// lid cannot be opened, and the depth hull is carved everywhere.
+fn add_free_space(
+    regions: &mut Regions,
+    enhanced: &EnhancedDepth,
+    object: &Mask,
+    camera: &DepthCamera,
+    hulls: &Hulls,
+    parameters: &Parameters,
+) {
+    let form = parameters.restoration.form;
+    if parameters.method != Method::Hybrid || form != restore::Form::Carve {
+        return;
+    }
+    let doubt = region::Doubt {
+        bias: region::stated_bias(camera, &parameters.region),
+        least_pixels: parameters.restoration.least_opening_px,
+        hull_errors: &|places| hulls.errors.along_views(camera, places),
+    };
+    region::add_free_space(regions, enhanced, object, &doubt, &parameters.region);
 }
 
 /// What one depth camera sees of the hull.

@@ -38,6 +38,7 @@ pub(super) fn evidence(depth: f32, labels: Grid<u16>) -> (EnhancedDepth, Regions
         },
         facts: Facts::default(),
     };
+    let count = labels.pixels().iter().copied().max().map_or(0, usize::from);
     let regions = Regions {
         front: HullRenderings {
             depth: all(0.7),
@@ -46,7 +47,8 @@ pub(super) fn evidence(depth: f32, labels: Grid<u16>) -> (EnhancedDepth, Regions
         },
         difference: all(0.1),
         sigma_difference: 0.1,
-        count: labels.pixels().iter().copied().max().map_or(0, usize::from),
+        count,
+        last_hollow: count,
         labels,
         bias: Bias {
             metres: 0.0,

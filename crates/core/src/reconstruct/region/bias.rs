@@ -54,12 +54,7 @@ impl Bias {
         parameters: &Parameters,
         from_hull: impl FnOnce() -> Option<(f64, f64)>,
     ) -> Self {
-        let stated = view.camera.response.uncertainty;
-        let allowed = if stated > 0.0 {
-            stated
-        } else {
-            1e-3 * f64::from(parameters.unstated_uncertainty_mm)
-        };
+        let allowed = stated_bias(&view.camera, parameters);
         let (found, remaining, source) = from_table(view, volume, object)
             .map(|(found, error)| (found, error, BiasSource::Table))
             .or_else(|| from_hull().map(|(found, error)| (found, error, BiasSource::Hull)))
@@ -71,6 +66,16 @@ impl Bias {
             remaining: remaining.hypot(found - metres),
             source,
         }
+    }
+}
+
+/// Metres of bias that a depth camera's recording states, or that the camera is assumed to have if that states none.
+pub fn stated_bias(camera: &DepthCamera, parameters: &Parameters) -> f64 {
+    let stated = camera.response.uncertainty;
+    if stated > 0.0 {
+        stated
+    } else {
+        1e-3 * f64::from(parameters.unstated_uncertainty_mm)
     }
 }
 

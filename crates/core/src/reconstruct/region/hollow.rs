@@ -18,8 +18,35 @@ pub(super) fn depth_below_rims(
     let (width, height) = (depth.depth.width(), depth.depth.height());
     let inverse = inverse_depth(depth, object);
     let mut hollow = Grid::filled(width, height, 0f32);
+    raise_along(lines(width, height), &inverse, on_object, &mut hollow);
+    hollow
+}
+
+/// [`depth_below_rims`] along four more directions as well, those of a chess knight's moves.
+pub(super) fn depth_below_rims_in_eight_directions(
+    depth: &EnhancedDepth,
+    object: &Mask,
+    on_object: &Grid<bool>,
+) -> Grid<f32> {
+    let (width, height) = (depth.depth.width(), depth.depth.height());
+    let inverse = inverse_depth(depth, object);
+    let mut hollow = Grid::filled(width, height, 0f32);
+    raise_along(lines(width, height), &inverse, on_object, &mut hollow);
+    let oblique = oblique_lines(width, height);
+    raise_along(oblique, &inverse, on_object, &mut hollow);
+    hollow
+}
+
+/// Raises `hollow` by how far the points of lines lie behind the envelopes of the object's readings on them. `inverse`
+/// is 1 / depth, 0 where there is none.
+fn raise_along<Line: Iterator<Item = (usize, usize)>>(
+    lines: impl Iterator<Item = Line>,
+    inverse: &Grid<f32>,
+    on_object: &Grid<bool>,
+    hollow: &mut Grid<f32>,
+) {
     let mut line = Vec::new();
-    for pixels in lines(width, height) {
+    for pixels in lines {
         line.clear();
         line.extend(pixels.enumerate().filter_map(|(i, pixel)| {
             let value = inverse[pixel];
@@ -29,10 +56,9 @@ pub(super) fn depth_below_rims(
         if let (Some(first), Some(last)) =
             (line.iter().position(is_rim), line.iter().rposition(is_rim))
         {
-            below_envelope(&line[first..=last], |pixel| on_object[pixel], &mut hollow);
+            below_envelope(&line[first..=last], |pixel| on_object[pixel], hollow);
         }
     }
-    hollow
 }
 
 /// The rows, columns and diagonals of a picture, each as its pixels in order.
@@ -50,6 +76,25 @@ pub(super) fn lines(
         let steps = (0..).map(move |i| (x + i * dx, y + i * dy));
         let inside = steps.take_while(move |&(x, y)| x >= 0 && y >= 0 && x < w && y < h);
         inside.map(|(x, y)| (x as usize, y as usize))
+    })
+}
+
+/// The lines of a picture in the directions of a chess knight's moves, each as its pixels in order.
+fn oblique_lines(
+    width: usize,
+    height: usize,
+) -> impl Iterator<Item = impl Iterator<Item = (usize, usize)>> {
+    let (w, h) = (width as isize, height as isize);
+    let is_inside = move |x: isize, y: isize| x >= 0 && y >= 0 && x < w && y < h;
+    let moves = [(2, 1), (1, 2), (2, -1), (1, -2)].into_iter();
+    moves.flat_map(move |(dx, dy)| {
+        let pixels = (0..h).flat_map(move |y| (0..w).map(move |x| (x, y)));
+        let starts = pixels.filter(move |&(x, y)| !is_inside(x - dx, y - dy));
+        starts.map(move |(x, y)| {
+            let steps = (0..).map(move |i: isize| (x + i * dx, y + i * dy));
+            let inside = steps.take_while(move |&(x, y)| is_inside(x, y));
+            inside.map(|(x, y)| (x as usize, y as usize))
+        })
     })
 }
 
@@ -114,6 +159,18 @@ fn below_envelope(line: &[Point], is_rim: impl Fn((usize, usize)) -> bool, hollo
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn oblique_lines_pass_each_pixel_once_in_each_of_four_directions() {
+        let (width, height) = (7, 5);
+        let mut passed = Grid::filled(width, height, 0);
+        for line in oblique_lines(width, height) {
+            for pixel in line {
+                passed[pixel] += 1;
+            }
+        }
+        assert!(passed.pixels().iter().all(|&n| n == 4), "{passed:?}");
+    }
 
     #[test]
     fn points_below_the_envelope_are_hollow_and_those_on_it_are_not() {

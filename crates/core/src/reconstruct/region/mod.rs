@@ -6,15 +6,18 @@
 //! - `bias` estimates the error that the depth camera's calibration left;
 //! - `hollow` measures how far the measured surface itself lies behind its own rims;
 //! - `support` decides which holes of the depth lie between a hollow's readings;
-//! - `segment` is the paper's segmentation (equation 5) of the difference.
+//! - `segment` is the paper's segmentation (equation 5) of the difference;
+//! - `free_space` adds what a depth camera sees through although the hull claims it.
 
 mod bias;
+mod free_space;
 mod front;
 mod hollow;
 mod segment;
 mod support;
 
-pub use bias::{Bias, BiasSource};
+pub use bias::{Bias, BiasSource, stated_bias};
+pub use free_space::{DepthPixel, Doubt, add_free_space};
 pub use front::{HullRenderings, front_vertices};
 
 use crate::calibration::Volume;
@@ -106,6 +109,9 @@ pub struct Regions {
     pub labels: Grid<u16>,
     /// How many regions.
     pub count: usize,
+    /// The regions with numbers up to this one are hollows of the object, those with larger ones free space: a depth
+    /// camera sees the table, a far wall or a part of the object through what the hull claims.
+    pub last_hollow: usize,
     /// What was taken off the depth.
     pub bias: Bias,
 }
@@ -114,6 +120,25 @@ impl Regions {
     /// Whether a pixel belongs to a region.
     pub fn contains(&self, x: usize, y: usize) -> bool {
         self.labels[(x, y)] != 0
+    }
+
+    /// Whether a pixel belongs to a region that is a hollow; no pixel beyond the picture does.
+    pub fn is_hollow(&self, x: isize, y: isize) -> bool {
+        let label = self.labels.get(x, y).map_or(0, |&label| usize::from(label));
+        label != 0 && label <= self.last_hollow
+    }
+
+    /// For each region that is free space its pixels.
+    pub fn free_space(&self) -> Vec<usize> {
+        let mut pixels = Vec::new();
+        for &label in self.labels.pixels() {
+            if let Some(index) = usize::from(label).checked_sub(self.last_hollow + 1) {
+                pixels.resize(pixels.len().max(index + 1), 0);
+                pixels[index] += 1;
+            }
+        }
+        pixels.retain(|&count| count > 0);
+        pixels
     }
 }
 
@@ -152,12 +177,17 @@ pub fn find(
         difference,
         sigma_difference,
         count: 0,
+        last_hollow: 0,
         bias,
     };
     if sigma_difference > 1e-3 * parameters.alpha_mm {
         let beyond = |k| beyond_noise(&regions, depth, k, parameters);
         let (hollow, behind) = rayon::join(
-            || hollow::depth_below_rims(depth, object, &on_object(&regions, depth, parameters)),
+            || {
+                let remaining = regions.bias.remaining;
+                let rims = on_object(&regions, depth, remaining, parameters);
+                hollow::depth_below_rims(depth, object, &rims)
+            },
             || behind_the_hull(&regions, depth, parameters),
         );
         let supported = support::by_readings(depth, &hollow, 1e-3 * parameters.least_hollow_mm);
@@ -171,7 +201,7 @@ pub fn find(
             hollow: &hollow,
         };
         let (labels, count) = segment::regions(&regions.difference, &evidence, parameters);
-        (regions.labels, regions.count) = (labels, count);
+        (regions.labels, regions.count, regions.last_hollow) = (labels, count, count);
     }
     regions
 }
@@ -225,10 +255,15 @@ fn beyond_noise(
     })
 }
 
-/// The readings that lie on the object: within the hull, before its far side by more than they may be off. What
-/// lies on the table beside the object, or behind it, does not belong to it.
-fn on_object(regions: &Regions, depth: &EnhancedDepth, parameters: &Parameters) -> Grid<bool> {
-    let (bias, remaining) = (regions.bias.metres as f32, regions.bias.remaining as f32);
+/// The readings that lie on the object: within the hull, before its far side by more than they may be off, of which
+/// `remaining` metres are bias. What lies on the table beside the object, or behind it, does not belong to it.
+fn on_object(
+    regions: &Regions,
+    depth: &EnhancedDepth,
+    remaining: f64,
+    parameters: &Parameters,
+) -> Grid<bool> {
+    let (bias, remaining) = (regions.bias.metres as f32, remaining as f32);
     Grid::from_fn_parallel(depth.depth.width(), depth.depth.height(), |x, y| {
         let doubt = (parameters.significance * depth.sigma[(x, y)])
             .max(1e-3 * parameters.least_difference_mm)

@@ -67,7 +67,7 @@ pub(super) fn regions(
 
 /// Gives the pixels that a region encloses to it, where they lie behind the hull: steep folds of the hull make
 /// the difference doubtful there, and would be left standing as pegs.
-fn fill_enclosed(labels: &mut Grid<u16>, behind: &Grid<bool>) {
+pub(super) fn fill_enclosed(labels: &mut Grid<u16>, behind: &Grid<bool>) {
     let none = labels.map(|&l| l == 0);
     let mut seen = outside_of(&none);
     for y in 0..labels.height() {
@@ -86,7 +86,7 @@ fn fill_enclosed(labels: &mut Grid<u16>, behind: &Grid<bool>) {
 }
 
 /// The pixels 4-connected to `start` over true ones, which are marked as seen.
-fn connected(
+pub(super) fn connected(
     mask: &Grid<bool>,
     seen: &mut Grid<bool>,
     start: (usize, usize),

@@ -75,6 +75,15 @@ fn the_front_is_the_top_and_the_way_out_the_bottom() {
 }
 
 #[test]
+fn a_camera_whose_recording_states_no_bias_may_be_off_by_ten_millimetres() {
+    let mut camera = overhead();
+    let stated = |camera: &DepthCamera| stated_bias(camera, &Parameters::default());
+    assert!((stated(&camera) - 10e-3).abs() < 1e-9);
+    camera.response.uncertainty = 2e-3;
+    assert!((stated(&camera) - 2e-3).abs() < 1e-9);
+}
+
+#[test]
 fn without_a_table_the_bias_is_how_far_all_lies_behind_what_contains_the_object() {
     let (mesh, camera) = (block(), overhead());
     let all = |value: f32| Grid::filled(160, 120, value);

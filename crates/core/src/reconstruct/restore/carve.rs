@@ -32,14 +32,13 @@ pub(super) fn carving_depth(source: &Source, cell_size: f64, parameters: &Parame
     carving
 }
 
-/// Whether a pixel beside a region is where a wall begins that is too steep to be read. Its filled depth lies so little
+/// Whether a pixel beside a hollow is where a wall begins that is too steep to be read. Its filled depth lies so little
 /// behind the hull that it does not belong to the region; without it, the wall would begin a pixel farther in.
 fn is_top_of_wall(source: &Source, x: usize, y: usize, carved: f32) -> bool {
     let Source { depth, regions, .. } = source;
-    let beside = [(-1, 0), (1, 0), (0, -1), (0, 1)].iter().any(|(dx, dy)| {
-        let label = regions.labels.get(x as isize + dx, y as isize + dy);
-        label.is_some_and(|&label| label != 0)
-    });
+    let beside = [(-1, 0), (1, 0), (0, -1), (0, 1)]
+        .iter()
+        .any(|(dx, dy)| regions.is_hollow(x as isize + dx, y as isize + dy));
     beside
         && depth.kind[(x, y)] == DepthKind::Filled
         && regions.front.depth[(x, y)].is_finite()
@@ -195,5 +194,55 @@ fn add_ring(carving: &mut Grid<f32>, regions: &Regions) {
                 };
             }
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::reconstruct::restore::testing::{SIDE, camera, evidence};
+
+    /// How deep each pixel of the middle row carves, where the left half is a region, free space or a hollow, and the
+    /// right half was not read but filled in with what the left half has: `read` metres, of which `remaining` may be
+    /// bias. The hull is from 0.7 m to 0.9 m.
+    fn carved_row(read: f32, remaining: f64, last_hollow: usize) -> Vec<f32> {
+        let camera = camera(0.8);
+        let (mut depth, mut regions) = evidence(read);
+        regions.bias.remaining = remaining;
+        let is_left = |x: usize| x < SIDE / 2;
+        depth.kind = Grid::from_fn(SIDE, SIDE, |x, _| match is_left(x) {
+            true => DepthKind::Measured,
+            false => DepthKind::Filled,
+        });
+        regions.labels = Grid::from_fn(SIDE, SIDE, |x, _| u16::from(is_left(x)));
+        regions.last_hollow = last_hollow;
+        let source = Source {
+            number: 0,
+            camera: &camera,
+            depth: &depth,
+            regions: &regions,
+        };
+        let carving = carving_depth(&source, 1e-3, &Parameters::default());
+        carving.row(SIDE / 2).to_vec()
+    }
+
+    #[test]
+    fn a_wall_that_is_not_read_begins_beside_a_hollow_and_not_beside_free_space() {
+        let (first, beside) = (SIDE / 2 - 1, SIDE / 2);
+        let hollow = carved_row(0.8, 0.0, 1);
+        assert_eq!((hollow[first], hollow[beside]), (0.8, 0.8));
+        // There the side of the body stands that hides what is behind it: the hull's own depth.
+        let free_space = carved_row(0.8, 0.0, 0);
+        assert_eq!((free_space[first], free_space[beside]), (0.8, 0.7));
+        assert_eq!(free_space[beside + 1], 0.0);
+    }
+
+    #[test]
+    fn rays_that_reach_the_table_open_the_hull_unless_a_bias_may_explain_that() {
+        let table = 0.901;
+        let opened = carved_row(table, 0.5e-3, 0);
+        assert!(opened[1] > 0.905, "{opened:?}");
+        let doubtful = carved_row(table, 5e-3, 0);
+        assert!((doubtful[1] - 0.898).abs() < 1e-6, "{doubtful:?}");
     }
 }

@@ -1,12 +1,14 @@
 //! The expected error of the hull's vertices, from the silhouettes around each. `touch` finds the viewing edge through
 //! a vertex and where the true surface touches it, `depth_of_surface` computes how far the surface then lies beneath
 //! the vertex, `readings` tells what depth cameras read of it, `hollow` what may hide beneath a lid, `cut` where the
-//! volume cuts the object, and `patches` spreads the results of some vertices over all. `unrequired` marks whole pieces
-//! that no silhouette requires. Nothing here moves a vertex.
+//! volume cuts the object, and `patches` spreads the results of some vertices over all. `outside` states before any
+//! carving what silhouettes alone leave open. `unrequired` marks whole pieces that no silhouette requires. Nothing here
+//! moves a vertex.
 
 mod cut;
 mod depth_of_surface;
 mod hollow;
+mod outside;
 mod patches;
 mod readings;
 #[cfg(test)]
@@ -21,6 +23,7 @@ use crate::mesh::{Bvh, Mesh};
 use cut::Outlined;
 pub use hollow::may_be_lid;
 use nalgebra::{Point3, Vector3};
+pub use outside::OutsideErrors;
 use patches::Patches;
 use rayon::prelude::*;
 pub use readings::{Readings, beneath};
@@ -34,6 +37,7 @@ const PATCH_CELLS: f64 = 3.0;
 const CONTOUR_PX: f64 = 0.3;
 
 /// What fairing made of a hull.
+#[derive(Clone, Copy)]
 pub struct FairedHull<'a> {
     /// The plain hull's surface.
     pub plain: &'a Mesh,
@@ -164,12 +168,7 @@ impl Evidence<'_> {
         let beside = || cut::nearest(place.on_hull, known).map(|(beside, _)| beside);
         let outlined = own.or_else(|| beside().filter(|_| !is_guess));
         let of_hull = outlined.map_or(place.of_contour, |outlined| outlined.of_hull);
-        let of_outside = match (&self.faired, place.moved) {
-            (Some(faired), Some(moved)) => {
-                of_faired(faired.solid, point, of_hull, moved, place.of_contour)
-            }
-            _ => of_hull,
-        };
+        let of_outside = self.of_outside(place, of_hull);
         let may_be_lid = hollow::may_be_lid(point, normal, &self.readings);
         let hidden = match own {
             Some(own) if may_be_lid => own.way_to_object,
@@ -188,6 +187,19 @@ impl Evidence<'_> {
         Stated {
             error: of_outside.hypot(0.5 * hidden.hypot(beneath)),
             is_guess,
+        }
+    }
+
+    /// What is expected of the outside at a place where `of_hull` metres are expected of the plain hull.
+    fn of_outside(&self, place: &Place, of_hull: f64) -> f64 {
+        match (&self.faired, place.moved) {
+            (Some(faired), Some(moved)) => {
+                let Place {
+                    point, of_contour, ..
+                } = *place;
+                of_faired(faired.solid, point, of_hull, moved, of_contour)
+            }
+            _ => of_hull,
         }
     }
 

@@ -55,6 +55,7 @@ impl Above {
                 sigma_difference: 0.0,
                 labels: Grid::filled(SIDE, SIDE, 0),
                 count: 0,
+                last_hollow: 0,
                 bias: Bias {
                     metres: bias,
                     found: bias,

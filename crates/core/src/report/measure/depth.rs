@@ -25,15 +25,19 @@ pub struct DepthMeasures {
     pub stated_uncertainty: Option<f64>,
     /// Standard deviation of the difference between depth and hull, in metres: the paper's sigma F.
     pub sigma_difference: f64,
-    /// Its concave regions; `None` where it has none.
+    /// Its concave regions and the free space that it sees; `None` where it has neither.
     pub regions: Option<RegionMeasures>,
 }
 
-/// All concave regions of one depth camera.
+/// All regions of one depth camera: the hollows, and the free space that it sees through what the hull claims.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct RegionMeasures {
     /// How many.
     pub count: usize,
+    /// How many of them are free space and not a hollow.
+    pub free_space_count: usize,
+    /// The pixels of these.
+    pub free_space_pixels: usize,
     /// Their pixels.
     pub pixels: usize,
     /// Their share of the hull's front.
@@ -120,10 +124,14 @@ impl RegionMeasures {
         let mut off = differences(view, result, model, &inside);
         let middle = upper_median(&mut off).unwrap_or(0.0);
         off.iter_mut().for_each(|d| *d = d.abs());
+        let free_space = regions.free_space();
         Self {
             count: regions.count,
+            free_space_count: free_space.len(),
+            free_space_pixels: free_space.iter().sum(),
             pixels: inside.len(),
-            share: share(inside.len(), front_pixels),
+            // Free space may lie where the hull faces away, beyond its front.
+            share: share(inside.len(), front_pixels).min(1.0),
             coverage: share(kind(DepthKind::Measured), inside.len()),
             filled: share(kind(DepthKind::Filled), inside.len()),
             empty: share(kind(DepthKind::None), inside.len()),

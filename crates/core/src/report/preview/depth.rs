@@ -106,10 +106,12 @@ pub(super) fn draw(
 }
 
 fn restored_caption(result: &DepthResult) -> String {
-    match result.regions.count {
-        0 => "no concave region".to_owned(),
-        1 => "restored region".to_owned(),
-        n => format!("{n} restored regions"),
+    let free_space = result.regions.free_space().len();
+    match (result.regions.count.saturating_sub(free_space), free_space) {
+        (0, 0) => "no concave region".to_owned(),
+        (1, 0) => "restored region".to_owned(),
+        (n, 0) => format!("{n} restored regions"),
+        (n, free) => format!("{n} restored, {free} free space"),
     }
 }
 

@@ -198,6 +198,8 @@ fn a_hollow_whose_depth_nothing_checks_is_told() {
         (depth.bias.source, depth.bias.remaining) = (source, 8e-3);
         depth.regions = Some(RegionMeasures {
             count: 1,
+            free_space_count: 0,
+            free_space_pixels: 0,
             pixels: 1000,
             share: 0.5,
             coverage: 0.9,
