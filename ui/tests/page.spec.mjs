@@ -236,6 +236,13 @@ test("a tablet that slept shows nothing old when it wakes, by the clock on the w
   await sign(page, "ready", "green", "amber", "red", "failed");
 });
 
+/** Looks at something on the German page, and goes on with the English one. */
+async function inGerman(page, look) {
+  await page.getByRole("button", { name: "Deutsch" }).click();
+  await look();
+  await page.getByRole("button", { name: "English" }).click();
+}
+
 test("a daemon that is away, a full disk, a camera that is away and a red model are told", async ({ page, rig }) => {
   await rig.prepare();
   await enter(page, rig);
@@ -257,6 +264,7 @@ test("a daemon that is away, a full disk, a camera that is away and a red model 
   await expect(page.locator(".now h1")).toHaveText("Failed: press again");
   await expect(page.locator(".now .reasons li").first()).toContainText("ms");
   await expect(page.locator(".do > .told")).toContainText("The capture failed: ");
+  await inGerman(page, () => expect(page.locator(".now .reasons li").first()).toContainText(/liegen \S+ ms auseinander, von c0/));
   await rig.stop("daemon");
   rig.options.largestSkew = undefined;
   // The cameras are not asked at the very same moment; here that is too much.
@@ -267,11 +275,14 @@ test("a daemon that is away, a full disk, a camera that is away and a red model 
   await page.getByRole("button", { name: "Press", exact: true }).click();
   await sign(page, "red");
   await shot(page, "red");
+  await inGerman(page, () => expect(page.locator(".now .reasons")).toContainText("nicht im selben Augenblick"));
   await rig.stop("cameras", "SIGKILL");
   await page.getByRole("link", { name: "State" }).click();
   await expect(page.locator("main")).toContainText("is away", { timeout: 40_000 });
   await expect(page.locator("main")).toContainText("known when a camera is ready", { timeout: 40_000 });
   await expect(page.locator("main")).not.toContainText("captures fit on the disk");
+  const away = /c00 fehlt \((unter 127\.0\.1\.1 antwortet keine Kamera|die Kamera unter 127\.0\.1\.1 antwortet nicht)/;
+  await inGerman(page, () => expect(page.locator("main")).toContainText(away));
   await expect(page.locator("main")).toContainText(/Calibration\s*\d+ (s|min) old/);
   await expect(page.locator("main")).toContainText(/Version of the daemon: \d+\.\d+/);
   await shot(page, "state");
