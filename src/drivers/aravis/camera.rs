@@ -16,8 +16,7 @@ use crate::frame::{CameraId, Frame, Timestamp};
 use aravis::prelude::*;
 use aravis::{Buffer, Camera, GvDevice};
 use std::collections::VecDeque;
-use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::{Arc, OnceLock};
+use std::sync::OnceLock;
 use std::time::{Duration, Instant};
 
 /// Opens one GigE Vision camera, again and again if need be.
@@ -78,7 +77,8 @@ pub(super) struct OpenCamera {
     pub(super) precision_time: Option<PrecisionTime>,
     pub(super) camera: Camera,
     pub(super) device: GvDevice,
-    pub(super) control_lost: Arc<AtomicBool>,
+    /// Whether it did not answer.
+    pub(super) is_silent: bool,
     pub(super) checked: Instant,
 }
 
@@ -87,9 +87,6 @@ impl OpenCamera {
         let parameters = driver.parameters.clone();
         let found = find(&parameters)?;
         let (device, camera) = take_control(&found)?;
-        let control_lost = Arc::new(AtomicBool::new(false));
-        let lost = control_lost.clone();
-        device.connect_control_lost(move |_| lost.store(true, Ordering::Relaxed));
         if parameters.packet_size.is_some() {
             device.set_packet_size_adjustment(aravis::GvPacketSizeAdjustment::Never);
         }
@@ -127,7 +124,7 @@ impl OpenCamera {
             precision_time,
             camera,
             device,
-            control_lost,
+            is_silent: false,
             checked: Instant::now(),
         };
         open.remark();
@@ -162,7 +159,7 @@ impl OpenCamera {
 
     /// Whether it still obeys us.
     pub(super) fn in_control(&self) -> Result<(), Fault> {
-        if self.control_lost.load(Ordering::Relaxed) {
+        if self.is_lost() {
             return Err(Fault::Away(format!(
                 "{}: the camera stopped answering, or another program took control of it",
                 self.found.address
@@ -182,7 +179,7 @@ impl OpenCamera {
                 self.found.address, other.serial
             ))),
             Err(error) => {
-                self.control_lost.store(true, Ordering::Relaxed);
+                self.is_silent = true;
                 Err(Fault::Away(format!(
                     "the camera at {} did not answer ({error})",
                     self.found.address
@@ -258,8 +255,12 @@ impl OpenCamera {
         }
     }
 
+    /// Whether it does not answer, or the library's thread found that it does not obey us any more. The library also
+    /// has a signal for that, but while its thread tells the signal to somebody, it holds the device. If we let go of
+    /// the device meanwhile, that thread closes it and waits for its own end, and GLib ends the process (seen with
+    /// 0.8.26).
     fn is_lost(&self) -> bool {
-        self.control_lost.load(Ordering::Relaxed)
+        self.is_silent || !self.device.is_controller()
     }
 }
 

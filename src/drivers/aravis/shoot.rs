@@ -187,7 +187,7 @@ impl OpenCamera {
         let triggered = self.clock.timestamp();
         if let Err(error) = self.camera.software_trigger() {
             if no_answer(&error) {
-                self.control_lost.store(true, Ordering::Relaxed);
+                self.is_silent = true;
                 let (address, why) = (self.found.address, error.message());
                 return Err(Fault::Away(format!(
                     "{address}: the camera did not answer the trigger: {why}"
