@@ -532,6 +532,18 @@ fn nothing_listens_on_a_network() {
     }
 }
 
+/// While the library's thread tells a signal to somebody, it holds the camera; if the camera is closed meanwhile, that
+/// thread waits for its own end, and GLib ends the process.
+#[test]
+fn nobody_listens_to_signals_of_cameras() {
+    let drivers = sources()
+        .into_iter()
+        .filter(|file| place(file).starts_with(&["drivers".into(), "aravis".into()]));
+    let code: Vec<String> = drivers.map(|file| code(&file)).collect();
+    assert!(code.len() > 5, "{} files", code.len());
+    assert!(!code.concat().contains(".connect_"));
+}
+
 #[test]
 fn paths_are_found_in_any_form() {
     let code =

@@ -447,7 +447,10 @@ impl Now {
             json!({ "age_ms": ms(age), "session": status["session"], "captures_left": captures_left(status),
                 "models": status["models"], "plates_age_h": status["plates_age_h"] })
         });
-        json!({ "sign": sign, "capture": capture, "reasons": reasons, "age_ms": age.map(ms),
+        let mut captures = self.captures.iter().rev();
+        let shown = captures.find(|seen| seen.capture == capture);
+        let recording = shown.and_then(|seen| seen.recording.as_deref());
+        json!({ "sign": sign, "capture": capture, "recording": recording, "reasons": reasons, "age_ms": age.map(ms),
             "last": last, "daemon": told, "history": self.history, "remade": self.objects.remade(at),
             "object": self.captures.back().and_then(|seen| self.objects.of(seen.subject.as_deref()?, at)) })
     }

@@ -61,6 +61,7 @@ fn a_press_goes_through_its_signs_and_the_rig_is_ready_again() {
     }
     let snapshot = now.snapshot(at);
     assert_eq!(snapshot["reasons"][0], "x");
+    assert_eq!(snapshot["recording"], "a", "where its report is");
     assert_eq!(snapshot["last"]["recording"], "a");
     assert_eq!(snapshot["last"]["subject"], "7");
     assert!(snapshot["last"]["decision"].is_null());

@@ -34,14 +34,14 @@ impl Objects {
                 subject,
                 capture,
                 verdict,
+                held_by,
                 words,
                 left_out,
                 unseen_percent,
                 show_next,
-                ..
             } => {
-                let told = json!({ "capture": capture, "level": verdict, "words": words, "left_out": left_out,
-                    "unseen_percent": unseen_percent, "show_next": show_next });
+                let told = json!({ "capture": capture, "level": verdict, "held_by": held_by, "words": words,
+                    "left_out": left_out, "unseen_percent": unseen_percent, "show_next": show_next });
                 self.entry(subject).registered = Some((at, told));
             }
             Event::Fused {
@@ -147,13 +147,14 @@ mod tests {
         let mut objects = Objects::default();
         heard(
             &mut objects,
-            r#"{"type":"registered","subject":"7","capture":"a-0002","verdict":"green","words":"w","left_out":[],
-                "unseen_percent":9,"show_next":"on a side"}"#,
+            r#"{"type":"registered","subject":"7","capture":"a-0002","verdict":"green","held_by":"colours","words":"w",
+                "left_out":[],"unseen_percent":9,"show_next":"on a side"}"#,
             at,
         );
         let told = objects.of("7", at + Duration::from_secs(2)).unwrap();
         assert_eq!(told["registered"]["show_next"], "on a side");
         assert_eq!(told["registered"]["level"], "green");
+        assert_eq!(told["registered"]["held_by"], "colours");
         assert_eq!(told["registered"]["age_ms"], 2000);
         assert!(told["fused"].is_null());
         let fused = r#"{"type":"fused","subject":"7","capture":"a-0002","verdict":"amber","reasons":["r"],"left_out":[],

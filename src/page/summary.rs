@@ -186,4 +186,71 @@ mod tests {
             assert_eq!(known, codes, "{language}");
         }
     }
+
+    /// The sources that say what the catalogue knows word for word.
+    const SOURCES: [&str; 15] = [
+        include_str!("../commands/live/models.rs"),
+        include_str!("../commands/make_look.rs"),
+        include_str!("../daemon/capturing/assemble.rs"),
+        include_str!("../daemon/capturing/capture_thread/admission.rs"),
+        include_str!("../daemon/capturing/capture_thread/looking.rs"),
+        include_str!("../daemon/capturing/mod.rs"),
+        include_str!("../daemon/rig.rs"),
+        include_str!("../daemon/status.rs"),
+        include_str!("../drivers/aravis/camera.rs"),
+        include_str!("../drivers/aravis/find.rs"),
+        include_str!("../drivers/aravis/shoot.rs"),
+        include_str!("../workers/outcome.rs"),
+        include_str!("../../crates/core/src/capture/error.rs"),
+        include_str!("../../crates/core/src/look/mod.rs"),
+        include_str!("../../crates/core/src/make_model/object/part.rs"),
+    ];
+
+    #[test]
+    fn the_sentences_that_the_page_recognizes_are_the_daemons_own() {
+        let sources = SOURCES.map(joined);
+        let english = include_str!("../../ui/src/words/en.ts");
+        let entries = english.lines().filter_map(|line| {
+            let (key, rest) = line.trim().split_once(": \"")?;
+            Some((key.strip_prefix("said_")?, rest.strip_suffix("\",")?))
+        });
+        let entries: Vec<_> = entries.collect();
+        assert!(entries.len() > 20, "{}", entries.len());
+        for (key, sentence) in entries {
+            let is_there = sources.iter().any(|source| is_said(source, sentence));
+            assert!(is_there, "said_{key}: no source says {sentence:?}");
+        }
+    }
+
+    /// A source with each text that goes over several lines on one.
+    fn joined(source: &str) -> String {
+        let mut joined = String::new();
+        for line in source.lines() {
+            match joined.strip_suffix('\\') {
+                Some(begin) => joined = begin.to_owned() + line.trim_start(),
+                None => {
+                    joined.push('\n');
+                    joined.push_str(line);
+                }
+            }
+        }
+        joined
+    }
+
+    /// Whether a source has this as a whole text, but for what stands between braces.
+    fn is_said(source: &str, sentence: &str) -> bool {
+        let pieces = sentence.split('{');
+        let mut pieces = pieces.map(|piece| piece.rsplit('}').next().unwrap_or_default());
+        let first = pieces.next().unwrap_or_default();
+        let others: Vec<&str> = pieces.collect();
+        let mut begins = source.match_indices(first);
+        begins.any(|(at, _)| {
+            let behind = &source[at + first.len()..];
+            let behind = others.iter().try_fold(behind, |left, piece| {
+                let (_, behind) = left.strip_prefix('{')?.split_once('}')?;
+                behind.strip_prefix(*piece)
+            });
+            source[..at].ends_with('"') && behind.is_some_and(|left| left.starts_with('"'))
+        })
+    }
 }

@@ -114,6 +114,28 @@ fn a_camera_that_stops_is_named_and_comes_back_as_it_was_set() {
 }
 
 #[test]
+fn control_that_is_taken_away_is_noticed() {
+    alone("faults::control_that_is_taken_away_is_noticed", || {
+        const CONTROL_CHANNEL_PRIVILEGE: u32 = 0x0a00;
+        let stand = Stand::new([64, 48]);
+        let mut device = stand.open("c00", stand.parameters("c00")).unwrap();
+        device.idle().unwrap();
+        stand
+            .rig
+            .set_register(&id("c00"), CONTROL_CHANNEL_PRIVILEGE, 0);
+        let end = Instant::now() + Duration::from_secs(10);
+        let fault = loop {
+            match device.idle() {
+                Err(fault) => break fault,
+                Ok(()) => assert!(Instant::now() < end, "it is not noticed"),
+            }
+            std::thread::sleep(Duration::from_millis(50));
+        };
+        assert!(fault.to_string().contains("took control"), "{fault}");
+    });
+}
+
+#[test]
 fn a_late_frame_has_its_true_time_and_is_not_taken_for_the_next() {
     alone(
         "faults::a_late_frame_has_its_true_time_and_is_not_taken_for_the_next",

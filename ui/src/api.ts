@@ -27,6 +27,8 @@ export interface Backlog {
 export interface Now {
   sign: string;
   capture: string;
+  /** The recording that has the capture, as far as it is known. */
+  recording: string | null;
   reasons: string[];
   age_ms: number | null;
   last: Last | null;
@@ -48,6 +50,8 @@ export interface ObjectTold {
   registered: {
     capture: string;
     level: Level;
+    /** By what its pose was found; null without a pose. */
+    held_by: string | null;
     words: string;
     left_out: string[];
     unseen_percent: number;

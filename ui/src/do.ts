@@ -5,11 +5,12 @@ import { Part } from "./element";
 import { live } from "./live";
 import { press, resume } from "./press";
 import { type Key, t } from "./words";
+import { said } from "./words/said";
 
 /** What an answer says, in the page's language. */
 export function told(answer: api.Answer): string {
   const capture = answer.capture ?? "";
-  const reason = answer.reason ?? "";
+  const reason = said(answer.reason ?? "");
   switch (answer.type) {
     case "durable":
       return t("told_durable", { capture });

@@ -5,6 +5,7 @@ import { Part } from "./element";
 import { live } from "./live";
 import { sign } from "./signs";
 import { age, isKey, type Key, language, t } from "./words";
+import { said } from "./words/said";
 
 export function date(seconds: number): string {
   const format = new Intl.DateTimeFormat(language(), { dateStyle: "medium", timeStyle: "short" });
@@ -24,7 +25,7 @@ export function reason(found: api.Reason): TemplateResult {
 }
 
 /** What a code means, if this page knows it. */
-function generally(code: string): string {
+export function generally(code: string): string {
   const key = `reason_${code}`;
   return isKey(key) ? t(key) : "";
 }
@@ -128,7 +129,7 @@ class HistoryPart extends Part {
         ${this.seen.map(
           (seen) => html`<li>
             ${sign(seen.sign)} <bdi>${seen.capture}</bdi> ${seen.subject ? html`(<bdi>${seen.subject}</bdi>)` : nothing},
-            ${t(`sign_${seen.sign}` as Key)}, ${age(seen.age_ms + passed)} ${seen.reasons.join("; ")}
+            ${t(`sign_${seen.sign}` as Key)}, ${age(seen.age_ms + passed)} ${seen.reasons.map(said).join("; ")}
           </li>`,
         )}
       </ul>

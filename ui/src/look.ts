@@ -4,6 +4,7 @@ import { html, nothing, svg, type SVGTemplateResult, type TemplateResult } from 
 import * as api from "./api";
 import { Part } from "./element";
 import { age, type Key, t } from "./words";
+import { said } from "./words/said";
 
 const OLD_MS = 5_000;
 const GONE_MS = 10_000;
@@ -129,7 +130,7 @@ class LookPart extends Part {
               <p class=${passed > OLD_MS ? "warning" : "quiet"}>${t("look_age", { age: seconds(passed) })}</p>
               <button aria-pressed=${isLarge} @click=${turn}>${t("look_large")}</button>
             `
-          : html`<p class="warning">${t("look_none", { reason: look.words ?? "" })}</p>`}
+          : html`<p class="warning">${t("look_none", { reason: said(look.words ?? "") })}</p>`}
       </li>
     `;
   }
@@ -153,7 +154,7 @@ class LookPart extends Part {
       const sides = touches.map((side) => t(`side_${side}` as Key)).join(", ");
       say(false, t("look_touches", { sides }));
     } else if (seen.outline) say(true, t("look_inside"));
-    if (seen.no_outline) say(false, t("look_no_outline", { reason: seen.no_outline }));
+    if (seen.no_outline) say(false, t("look_no_outline", { reason: said(seen.no_outline) }));
     if (seen.readings_percent !== undefined) say(true, t("look_readings", { n: seen.readings_percent }));
     return facts;
   }

@@ -5,10 +5,13 @@ import "./do";
 import { Part } from "./element";
 import { decision, verdict } from "./history";
 import { live } from "./live";
+import { list } from "./reasons";
 import { sign } from "./signs";
-import { age, type Key, t } from "./words";
+import { age, isKey, type Key, language, t } from "./words";
+import { said, spoken } from "./words/said";
 
-const LONGEST_LIST = 6;
+/** Signs of a model that was made: its reasons are in its report. */
+const MODELS = ["green", "amber", "red"];
 
 class NowPart extends Part {
   static properties = { operator: { type: Boolean } };
@@ -35,7 +38,7 @@ class NowPart extends Part {
         <div>
           <h1><span role="status" aria-live="assertive">${t(`sign_${name}` as Key)}</span></h1>
           <p class="hint">${t(hint(name, now))}</p>
-          ${list(now?.reasons ?? [])}
+          ${now ? reasons(name, now) : nothing}
           <p class="about">${about.join(" · ")}</p>
         </div>
       </section>
@@ -63,15 +66,20 @@ class NowPart extends Part {
   private last(last: Last, shown: string): TemplateResult {
     const name = html`<bdi>${last.capture}</bdi>`;
     const link = `#/history/${last.recording ?? ""}/${last.capture}`;
-    const hasModel = ["green", "amber", "red", "model_failed"].includes(last.sign) && last.recording !== null;
+    const hasModel = [...MODELS, "model_failed"].includes(last.sign) && last.recording !== null;
     const subject = last.subject ? html` (<bdi>${t("for_object", { subject: last.subject })}</bdi>)` : nothing;
     // Where the sign has to say something else, such as that a camera is away, the failure is told here.
-    const why = last.sign === "failed" && shown !== "failed" ? last.reasons.join("; ") : "";
+    const why = last.sign === "failed" && shown !== "failed" ? last.reasons : [];
     return html`${t("last_capture")}: ${hasModel ? html`<a href=${link}>${name}</a>` : name}${subject},
-      ${t(`sign_${last.sign}` as Key)}${last.decision ? html` ${decision(last)}` : nothing}, ${age(last.age_ms + live.passed())}${why
-        ? html` <span lang="en">${why}</span>`
-        : nothing}`;
+      ${t(`sign_${last.sign}` as Key)}${last.decision ? html` ${decision(last)}` : nothing}, ${age(last.age_ms + live.passed())}
+      ${why.map((text) => html` ${spoken(text)}`)}`;
   }
+}
+
+function reasons(name: string, now: Now): TemplateResult | typeof nothing {
+  if (!MODELS.includes(name)) return list(now.reasons);
+  const { recording, capture } = now;
+  return html`<scand-reasons .recording=${recording ?? ""} .capture=${capture} .texts=${now.reasons}></scand-reasons>`;
 }
 
 function hint(name: string, now: Now | null): Key {
@@ -103,10 +111,13 @@ function object(told: ObjectTold): TemplateResult {
 /** How the captures lie, and what to show next; of a capture that does not fit the others, that is not known. */
 function how(registered: NonNullable<ObjectTold["registered"]>): TemplateResult {
   const isLost = registered.level === "red" && registered.show_next === null;
-  const next = registered.show_next ? t("object_show_next", { side: registered.show_next }) : t("object_shown");
+  const next = registered.show_next ? t("object_show_next", { side: said(registered.show_next) }) : t("object_shown");
+  // The daemon's words are English; elsewhere, how the pose was found comes first in the page's language.
+  const held = `held_${registered.held_by ?? ""}`;
+  const general = language() !== "en" && isKey(held) ? t(held) : "";
   return html`
     <p data-registered>
-      ${verdict(registered.level)} <bdi>${registered.capture}</bdi>: <span lang="en">${registered.words}</span>
+      ${verdict(registered.level)} <bdi>${registered.capture}</bdi>: ${general} <span lang="en">${registered.words}</span>
       ${registered.is_old ? html`<span class="quiet">${t("object_older")}</span>` : nothing}
     </p>
     ${isLost
@@ -126,16 +137,11 @@ function whole(fused: NonNullable<ObjectTold["fused"]>, isOld: boolean): Templat
       ${fused.level ? verdict(fused.level) : nothing} ${model}
       ${isOld ? html`<span class="quiet">${t("object_older")}</span>` : nothing}
     </p>
-    ${list(fused.reasons)} ${list(fused.left_out)}
+    ${fused.folder
+      ? html`<scand-reasons .recording=${fused.folder[0]} .capture=${fused.folder[1]} .texts=${fused.reasons}></scand-reasons>`
+      : list(fused.reasons)}
+    ${list(fused.left_out)}
   `;
-}
-
-function list(texts: string[]): TemplateResult | typeof nothing {
-  if (texts.length === 0) return nothing;
-  const shown = texts.slice(0, LONGEST_LIST);
-  return html`<ul class="reasons">
-    ${shown.map((text) => html`<li>${text}</li>`)} ${texts.length > shown.length ? html`<li>…</li>` : nothing}
-  </ul>`;
 }
 
 customElements.define("scand-now", NowPart);

@@ -6,6 +6,7 @@ import { Part } from "./element";
 import { verdict } from "./history";
 import { live } from "./live";
 import { type Key, t } from "./words";
+import { said } from "./words/said";
 
 /** The fields of the form: the setting of each, its range, and what it is without a choice. */
 const NUMBERS: [string, Key, number, number, number][] = [
@@ -76,7 +77,7 @@ class RemakePart extends Part {
   }
 
   private made(remade: api.Remade): TemplateResult {
-    if (!remade.folder || !remade.level) return html`<p data-remade>${t("remake_failed")} ${remade.reasons.join("; ")}</p>`;
+    if (!remade.folder || !remade.level) return html`<p data-remade>${t("remake_failed")} ${remade.reasons.map(said).join("; ")}</p>`;
     const [recording, name] = remade.folder;
     return html`<p data-remade>${verdict(remade.level)} <a href="#/history/${recording}/${name}"><bdi>${name}</bdi></a></p>`;
   }

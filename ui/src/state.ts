@@ -4,6 +4,7 @@ import * as api from "./api";
 import { Part } from "./element";
 import { backlog } from "./now";
 import { age, type Key, t } from "./words";
+import { said, spoken } from "./words/said";
 
 const EVERY_MS = 3000;
 const OLD_PLATES_H = 24;
@@ -108,11 +109,11 @@ class StatePart extends Part {
   private todo(status: Status): string[] {
     const found: string[] = [];
     for (const [camera, about] of Object.entries(status.cameras ?? {})) {
-      if (about.state !== "ready") found.push(t("todo_camera", { camera, words: about.words || about.state }));
+      if (about.state !== "ready") found.push(t("todo_camera", { camera, words: said(about.words || about.state) }));
       for (const [setting, asked, read] of about.settings ?? []) {
         if (asked !== read) found.push(t("todo_setting", { camera, setting, asked, found: read }));
       }
-      found.push(...(about.remarks ?? []).map((remark) => `${camera}: ${remark}`));
+      found.push(...(about.remarks ?? []).map((remark) => `${camera}: ${said(remark)}`));
     }
     const plates = status.plates_age_h ?? null;
     if (plates === null) found.push(t("todo_plates_none"));
@@ -136,7 +137,7 @@ class StatePart extends Part {
     return html`
       <li class="card">
         <h3><bdi>${id}</bdi>: ${known ? t(`camera_${camera.state}` as Key) : camera.state}</h3>
-        <p>${camera.words}</p>
+        <p>${spoken(camera.words)}</p>
         ${health.length + lost.length > 0 ? html`<p>${[...health, ...lost].join(" · ")}</p>` : nothing}
         ${camera.settings?.length
           ? html`<details>

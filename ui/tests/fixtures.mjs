@@ -7,13 +7,31 @@ export const test = base.extend({
     async ({}, use) => {
       const rig = new Rig();
       try {
-        await rig.start();
+        await rig.start().catch((error) => {
+          console.log(rig.lastWords());
+          throw error;
+        });
         await use(rig);
       } finally {
         await rig.end();
       }
     },
     { scope: "worker", timeout: 120_000 },
+  ],
+  // No process of the rig ends by itself; of a test that fails, what they logged meanwhile is shown.
+  words: [
+    async ({ rig }, use, testInfo) => {
+      const before = rig.logLengths();
+      await use();
+      const fallen = rig.fallen.splice(0);
+      if (fallen.length > 0 || testInfo.status !== testInfo.expectedStatus) {
+        const words = rig.lastWords(before);
+        console.log(`${testInfo.title}:\n${words}`);
+        await testInfo.attach("logs", { body: words, contentType: "text/plain" });
+      }
+      expect(fallen, "processes that ended by themselves").toEqual([]);
+    },
+    { auto: true },
   ],
   // Messages of the browser's console that a test expects.
   expected: async ({}, use) => use([]),

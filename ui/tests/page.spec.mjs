@@ -1,6 +1,8 @@
 // The page as people use it, against the real daemon and simulated cameras.
 import AxeBuilder from "@axe-core/playwright";
+import { randomBytes } from "node:crypto";
 import { readFileSync, readdirSync, statSync } from "node:fs";
+import { createConnection } from "node:net";
 import { enter, expect, shot, sign, test, watch } from "./fixtures.mjs";
 import { SCAND, until } from "./rig.mjs";
 
@@ -236,6 +238,13 @@ test("a tablet that slept shows nothing old when it wakes, by the clock on the w
   await sign(page, "ready", "green", "amber", "red", "failed");
 });
 
+/** Looks at something on the German page, and goes on with the English one. */
+async function inGerman(page, look) {
+  await page.getByRole("button", { name: "Deutsch" }).click();
+  await look();
+  await page.getByRole("button", { name: "English" }).click();
+}
+
 test("a daemon that is away, a full disk, a camera that is away and a red model are told", async ({ page, rig }) => {
   await rig.prepare();
   await enter(page, rig);
@@ -257,6 +266,7 @@ test("a daemon that is away, a full disk, a camera that is away and a red model 
   await expect(page.locator(".now h1")).toHaveText("Failed: press again");
   await expect(page.locator(".now .reasons li").first()).toContainText("ms");
   await expect(page.locator(".do > .told")).toContainText("The capture failed: ");
+  await inGerman(page, () => expect(page.locator(".now .reasons li").first()).toContainText(/liegen \S+ ms auseinander, von c0/));
   await rig.stop("daemon");
   rig.options.largestSkew = undefined;
   // The cameras are not asked at the very same moment; here that is too much.
@@ -267,11 +277,13 @@ test("a daemon that is away, a full disk, a camera that is away and a red model 
   await page.getByRole("button", { name: "Press", exact: true }).click();
   await sign(page, "red");
   await shot(page, "red");
+  await inGerman(page, () => expect(page.locator(".now .reasons")).toContainText("nicht im selben Augenblick"));
   await rig.stop("cameras", "SIGKILL");
   await page.getByRole("link", { name: "State" }).click();
   await expect(page.locator("main")).toContainText("is away", { timeout: 40_000 });
   await expect(page.locator("main")).toContainText("known when a camera is ready", { timeout: 40_000 });
   await expect(page.locator("main")).not.toContainText("captures fit on the disk");
+  await inGerman(page, () => expect(page.locator("main")).toContainText(/c00 fehlt \([^)]*127\.0\.1\.1 antwortet/));
   await expect(page.locator("main")).toContainText(/Calibration\s*\d+ (s|min) old/);
   await expect(page.locator("main")).toContainText(/Version of the daemon: \d+\.\d+/);
   await shot(page, "state");
@@ -712,6 +724,153 @@ test("a stranger who has only the page takes background pictures, scans an objec
   console.log(`a stranger's way from the link to the better model: ${seconds.toFixed(1)} s`);
   expect(seconds).toBeLessThan(180);
 });
+
+/** Requests that mean no good, each with something that differs from the last one's. No links are guessed: the page would
+ * refuse every link for a minute, those of the next tests too. */
+function hostile(port) {
+  const [host, guess] = [`127.0.0.1:${port}`, randomBytes(32).toString("hex")];
+  const request = (line, headers = "", body = "") => `${line} HTTP/1.1\r\nHost: ${host}\r\nConnection: close\r\n${headers}\r\n${body}`;
+  const json = (body) => `Content-Type: application/json\r\nOrigin: http://${host}\r\nContent-Length: ${body.length}\r\n`;
+  const press = `{"press_id":"${guess}"}`;
+  return [
+    request(`GET /../../${guess}`),
+    request(`GET /api/models/..%2f..%2f${guess}/report.json`, `Cookie: scand=${guess}\r\n`),
+    request(`GET /${guess.repeat(60)}`),
+    request("GET /", `X-${guess}: ${guess.repeat(30)}\r\n`.repeat(20)),
+    request("GET /api/events", `Cookie: scand=${guess}\r\nX-Forwarded-For: 10.${[...randomBytes(3)].join(".")}\r\n`),
+    request("POST /api/press", `${json(press)}Cookie: scand=${guess}\r\nX-Scand-Token: ${guess}\r\n`, press),
+    `GET / HTTP/1.1\r\nHost: ${guess}.example\r\nConnection: close\r\n\r\n`,
+    // What never ends, and what is no request; the client leaves in the middle.
+    `POST /api/press HTTP/1.1\r\nHost: ${host}\r\nContent-Length: 999999999\r\n\r\n{"press_id":"${guess}`,
+    `GET /api/state HTTP/1.1\r\nHost: ${host}\r\nX-Long: ${guess.repeat(8)}`,
+    randomBytes(600),
+  ];
+}
+
+/** Sends a request, and leaves after its answer or soon. */
+function send(port, bytes) {
+  return new Promise((done) => {
+    const socket = createConnection(port, "127.0.0.1", () => socket.write(bytes));
+    socket.setTimeout(50, () => socket.destroy());
+    socket.on("data", () => {});
+    socket.on("error", () => {});
+    socket.on("close", done);
+  });
+}
+
+test("hostile requests by the thousand press nothing, and the page's memory stays as it was", async ({ rig }) => {
+  await rig.prepare();
+  const { pid } = rig.children.get("page");
+  const memory = () => Number(/VmRSS:\s*(\d+) kB/.exec(readFileSync(`/proc/${pid}/status`, "utf8"))[1]) / 1000;
+  const before = taken(rig);
+  const rounds = async (count) => {
+    for (let n = 0; n < count; n++) await Promise.all(hostile(rig.port).map((bytes) => send(rig.port, bytes)));
+    return memory();
+  };
+  // The first ones make the pools and tables grow to their size.
+  const megabytes = [await rounds(40)];
+  for (let part = 0; part < 3; part++) megabytes.push(await rounds(40));
+  const grown = megabytes.slice(1).map((now, n) => now - megabytes[n]);
+  const told = `${megabytes.map((value) => value.toFixed(1)).join(", ")} MB`;
+  console.log(`the page's memory after each 400 hostile requests: ${told}`);
+  // What is kept of each request would show in every part.
+  expect(Math.min(...grown), told).toBeLessThan(0.5);
+  expect(megabytes.at(-1) - megabytes[0], told).toBeLessThan(8);
+  expect(taken(rig)).toBe(before);
+  const health = await fetch(`http://127.0.0.1:${rig.port}/healthz`);
+  expect(health.status).toBe(200);
+});
+
+/** An object's whole way, as an operator goes it on one screen: nothing that a step shows is cut off at the side. */
+async function goTheWholeWay(page, rig, hasTouch) {
+  const press = async (target) => {
+    await (hasTouch ? target.tap() : target.click());
+    const wide = await page.evaluate(() => document.documentElement.scrollWidth - innerWidth);
+    expect(wide, "wider than the screen by").toBeLessThanOrEqual(0);
+  };
+  const button = (name) => page.getByRole("button", { name, exact: true });
+  const part = (name) => page.getByRole("navigation").getByRole("link", { name });
+  const facts = page.locator(".facts");
+  const [number, session] = [`55.${Date.now()}`, `screen-${Date.now()}`];
+  await rig.show("background");
+  await enter(page, rig);
+  const [begin, close] = [button("Begin the session"), button("Close the session")];
+  await expect(begin.or(close)).toBeVisible();
+  if (await close.isVisible()) await press(close);
+  await press(button("Take background pictures"));
+  await press(button("Yes, take them"));
+  await expect(page.getByText("Put the object in now.")).toBeVisible();
+  rig.isPrepared = true;
+  await rig.show("captures");
+  await page.getByLabel("Name of the session").fill(session);
+  await page.getByLabel("Operator").fill("Ann");
+  await press(begin);
+  await expect(facts).toContainText(`Session ${session}`);
+  // The scanner types, wherever the focus is.
+  await page.evaluate(() => document.activeElement.blur());
+  await page.keyboard.type(number);
+  await page.keyboard.press("Enter");
+  await expect(page.getByLabel("Number of the object")).toHaveValue(number);
+  const before = taken(rig);
+  await press(button("Press"));
+  await expect(facts).toContainText(`object ${number}`);
+  await expect(page.locator(".now h1")).toBeInViewport();
+  await sign(page, "green", "amber");
+  expect(taken(rig)).toBe(before + 1);
+  const name = (await facts.locator("a").textContent()).trim();
+  await page.getByLabel("Why, or a note").fill("My hand was in it.");
+  await press(page.locator("[data-say=reject]"));
+  await expect(facts.locator(".decision")).toHaveText("rejected");
+  await press(page.locator("[data-say=accept]"));
+  await expect(facts.locator(".decision")).toHaveText("accepted");
+  await press(part("History"));
+  await press(page.getByRole("main").getByRole("link").filter({ hasText: number }));
+  await expect(page.locator("h1")).toHaveText(name);
+  await expect(page.locator("canvas[data-loaded]")).toBeVisible();
+  await expect(page.locator("p.row > .decision")).toHaveText("accepted");
+  await press(page.locator("[data-mode=error]"));
+  await expect(page.locator("[data-mode=error]")).toHaveAttribute("aria-pressed", "true");
+  await press(page.locator("[data-measure]"));
+  await measure(page, hasTouch);
+  await expect(page.locator(".viewer [role=status]")).toContainText(/\d+\.\d mm between/);
+  await press(page.getByText("Make it again with other settings"));
+  await page.getByLabel("Cells along the object").fill("60");
+  await press(button("Make it again"));
+  const remade = page.locator("[data-remade] a");
+  await expect(remade).toHaveText(`${name}.remake-1`, { timeout: 60_000 });
+  await press(remade);
+  await expect(page.locator("h1")).toContainText("made again");
+  await expect(page.locator("canvas[data-loaded]")).toBeVisible();
+  await press(part("Now"));
+  await press(close);
+  await expect(facts).toContainText("No session is open");
+}
+
+/** Touches, or clicks, two points of the model that the viewer shows. */
+async function measure(page, hasTouch) {
+  const canvas = page.locator("canvas");
+  await canvas.evaluate((shown) => shown.scrollIntoView({ block: "center" }));
+  const box = await canvas.boundingBox();
+  for (const side of [-1, 1]) {
+    const [x, y] = [box.x + box.width * (0.5 + side * 0.03), box.y + box.height * 0.52];
+    await (hasTouch ? page.touchscreen.tap(x, y) : page.mouse.click(x, y));
+  }
+}
+
+// The other cases go on a tablet of 1024x768.
+const SCREENS = [
+  { screen: "a phone", viewport: { width: 360, height: 740 }, hasTouch: true },
+  { screen: "a wall screen", viewport: { width: 1920, height: 1080 }, hasTouch: false },
+];
+for (const { screen, viewport, hasTouch } of SCREENS) {
+  test.describe(`on ${screen}`, () => {
+    test.use({ viewport, hasTouch });
+    test("an object goes its whole way: background pictures, session, scanned number, press, decision, viewer, made again", async ({ page, rig }) => {
+      test.setTimeout(180_000);
+      await goTheWholeWay(page, rig, hasTouch);
+    });
+  });
+}
 
 test("axe finds nothing serious at three sizes, in light and dark, and nothing is wider than the screen", async ({ page, rig }) => {
   test.setTimeout(120_000);

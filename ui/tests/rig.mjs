@@ -2,7 +2,7 @@
 // page, each a process of its own; cameras and daemon in a network of their own. Nothing of it survives `end`.
 import { spawn, spawnSync } from "node:child_process";
 import { once } from "node:events";
-import { createWriteStream, mkdirSync, mkdtempSync, readFileSync, rmSync, writeFileSync } from "node:fs";
+import { createWriteStream, mkdirSync, mkdtempSync, readFileSync, readdirSync, rmSync, writeFileSync } from "node:fs";
 import { createServer } from "node:net";
 import { tmpdir } from "node:os";
 import { join, resolve } from "node:path";
@@ -36,6 +36,8 @@ export class Rig {
     this.folder = options?.folder ?? mkdtempSync(join(tmpdir(), "scand-page-"));
     mkdirSync(this.folder, { recursive: true });
     this.children = new Map();
+    /** What ended although nobody stopped it, and how. */
+    this.fallen = [];
   }
 
   path(name) {
@@ -57,12 +59,33 @@ export class Rig {
     }
   }
 
+  /** How long each process's log is, by its name. */
+  logLengths() {
+    const names = readdirSync(this.folder).filter((name) => name.endsWith(".log"));
+    return new Map(names.map((name) => [name.slice(0, -4), this.log(name.slice(0, -4)).length]));
+  }
+
+  /** The last lines of every process's log, after so many characters of each. */
+  lastWords(since = new Map(), most = 80) {
+    const words = [...this.logLengths().keys()].map((name) => {
+      const lines = this.log(name).slice(since.get(name) ?? 0).trimEnd().split("\n");
+      return `--- ${name}.log\n${lines.slice(-most).join("\n")}`;
+    });
+    return words.join("\n");
+  }
+
   run(name, command, args) {
     const child = spawn(command, args, { cwd: this.folder, stdio: ["pipe", "pipe", "pipe"] });
     const log = createWriteStream(this.path(`${name}.log`), { flags: "a" });
     child.stdout.pipe(log, { end: false });
     child.stderr.pipe(log, { end: false });
     child.on("error", (error) => log.write(`${error}\n`));
+    child.on("exit", (code, signal) => {
+      const how = signal ? `killed by ${signal}` : `exit code ${code}`;
+      log.write(`rig.mjs: ${name} has ended: ${how}\n`);
+      // Who stops a process takes it off the list first.
+      if (this.children.get(name) === child) this.fallen.push(`${name}: ${how}`);
+    });
     this.children.set(name, child);
     return child;
   }

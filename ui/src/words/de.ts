@@ -1,4 +1,5 @@
-// Die Worte der Seite auf Deutsch. Was der Dienst selbst sagt (Einzelheiten der Gründe, Namen), bleibt englisch.
+// Die Worte der Seite auf Deutsch. Was der Dienst selbst sagt und hier nicht steht (Einzelheiten der Gründe, Namen), bleibt
+// englisch.
 import type { Words } from "./en";
 
 export const de: Words = {
@@ -306,6 +307,38 @@ export const de: Words = {
   error_unsure: "Der Dienst sagte nicht rechtzeitig, was aus dem Druck wurde: sehen Sie im Verlauf nach, bevor Sie wieder drücken.",
   error_network: "Der Rechner der Anlage antwortet nicht.",
   error_other: "Es wurde abgelehnt: {reason}",
+  held_silhouettes: "Seine Lage zeigen die Silhouetten.",
+  held_colours: "Seine Drehung zeigen die Farben.",
+  held_depth: "Seine Drehung zeigt die Tiefe.",
+  held_nothing: "Seine Drehung ist nicht zu erkennen, und die Form hängt nicht davon ab.",
+  held_frame: "Die Lagen der anderen sind an ihm gemessen.",
+  // Was der Dienst auf Englisch sagt.
+  said_no_answer: "unter {address} antwortet keine Kamera ({why}): prüfen Sie Strom, Kabel und Adresse",
+  said_lost: "die Kamera unter {address} antwortet nicht ({why})",
+  said_control_lost: "{address}: die Kamera antwortet nicht mehr, oder ein anderes Programm steuert sie jetzt",
+  said_trigger_lost: "{address}: die Kamera antwortete nicht auf den Auslöser: {why}",
+  said_late: "sie antwortete nicht innerhalb von {n} ms",
+  said_not_opened: "sie ist noch nicht geöffnet",
+  said_previous_shot: "sie ist noch mit der vorigen Aufnahme beschäftigt",
+  said_busy: "sie ist beschäftigt",
+  said_opening: "wird geöffnet",
+  said_no_clock: "ihre Uhr lässt sich nicht lesen, nur aus der Ankunft ihrer Bilder schätzen",
+  said_small_packets: "ihre Pakete haben {n} Bytes: größere (jumbo frames) sparten dem Rechner den größten Teil seiner Arbeit",
+  said_skew: "die Farbbilder liegen {n} ms auseinander, von {first} bis {last}; erlaubt sind {most} ms",
+  said_queue_full: "es warten zu viele Aufnahmen darauf, geschrieben zu werden; warten Sie, und drücken Sie dann noch einmal",
+  said_disk_full: "die Platte ist voll: in {folder} sind noch {left} MB frei, eine Aufnahme braucht {capture} MB, und {keep} MB müssen frei bleiben (recording.keep_free_mb); verschieben Sie Aufnahmen woandershin",
+  said_in_progress: "es wird gerade aufgenommen",
+  said_ending: "der Dienst endet",
+  said_rejected_before: "die Aufnahme wurde verworfen, bevor ihr Modell berechnet war",
+  said_worker_killed: "der Prozess, der das Modell berechnet, wurde mit dem Signal {n} beendet",
+  said_no_silhouette: "von Kamera {camera} gibt es kein Hintergrundbild von vor der Aufnahme: nehmen Sie Hintergrundbilder der leeren Anlage auf",
+  said_no_object: "kein Objekt ist gefunden: {reason}",
+  said_no_background: "es gibt kein Hintergrundbild: nehmen Sie Hintergrundbilder der leeren Anlage auf",
+  said_rig_not_calibrated: "die Anlage ist nicht kalibriert",
+  said_camera_not_calibrated: "die Kamera ist nicht kalibriert",
+  said_side_below: "die Unterseite, wie das Objekt jetzt steht: drehen Sie es auf den Kopf",
+  said_side_above: "die Oberseite, wie das Objekt jetzt steht",
+  said_side_beside: "eine Seite, wie das Objekt jetzt steht: legen Sie es auf seine andere Seite",
   age_seconds: "{n} s",
   age_minutes: "{n} min",
   age_hours: "{n} h",
