@@ -10,6 +10,7 @@ use super::noise::{self, Disagreement};
 use super::scale;
 use super::search;
 use super::skin::Skin;
+use super::spots::{self, Spot};
 use super::touch::Target;
 use super::{ColorAgreement, DepthWitness, OtherPose, PoseEvidence, Refusal, limits};
 use crate::calibration::Camera;
@@ -23,6 +24,8 @@ pub(super) struct Prepared {
     pub(super) depths: Depths,
     /// What its silhouettes say against each other.
     pub(super) own: Disagreement,
+    /// By how many pixels each of its rays misses what its other outlines leave.
+    pub(super) alone: Vec<f64>,
     /// The cameras as it was calibrated.
     pub(super) cameras: Vec<Camera>,
 }
@@ -42,6 +45,9 @@ pub(super) struct Decision {
     pub(super) noise: f64,
     /// Worst stretch among both captures' contours; whether it is the second's.
     pub(super) stretch: Option<(noise::ContourStretch, bool)>,
+    /// Where outlines of several views disagree at one spot, so that something may have broken off there; whether they
+    /// are the second's.
+    pub(super) changed: Option<(Spot, bool)>,
     /// The axis in the second's rig about which a turn is free.
     pub(super) free_axis: Option<UnitVector3<f64>>,
     /// Other poses that the silhouettes bear, and how far they move the surface.
@@ -67,10 +73,11 @@ impl Decision {
     /// The same of the second capture as the first, and the first as the second.
     pub(super) fn reversed(&self) -> Self {
         let turn = self.pose.rotation.inverse();
-        let stretch = self.stretch.clone();
+        let (stretch, changed) = (self.stretch.clone(), self.changed.clone());
         Self {
             pose: self.pose.inverse(),
             stretch: stretch.map(|(stretch, is_second)| (stretch, !is_second)),
+            changed: changed.map(|(spot, is_second)| (spot, !is_second)),
             free_axis: self.free_axis.map(|axis| turn * axis),
             larger_by: self.larger_by.map(|share| 1.0 / (1.0 + share) - 1.0),
             ..self.clone()
@@ -151,7 +158,7 @@ impl CapturePair<'_> {
                 .as_ref()
                 .is_some_and(limits::do_colours_leave_open);
         // Readings on a steep wall may contradict the true pose.
-        decision.is_doubtful = is_beyond_fitted
+        decision.is_doubtful |= is_beyond_fitted
             || self.is_contradicted(&decision)
             || decision.do_colours_contradict()
             || is_open;
@@ -395,9 +402,12 @@ impl CapturePair<'_> {
             .max_by(|x, y| x.0.weight().total_cmp(&y.0.weight()));
         let worst = stretch.as_ref().map_or(0.0, |(s, _)| s.weight());
         let is_long = limits::is_long_against(worst, self.own_stretch());
+        let spot = self.spot([a, b], &aligned.pose);
+        let weight = spot.as_ref().map_or(0.0, |(spot, _)| spot.weight);
+        let is_maybe_change = limits::is_maybe_change(weight);
         let verdict = match verdict {
             Ok(_) if disagreement > self.accept => Err(Refusal::NoPose),
-            Ok(_) if is_long => Err(Refusal::Stretch),
+            Ok(_) if is_long || limits::is_change(weight) => Err(Refusal::Stretch),
             verdict => verdict,
         };
         Decision {
@@ -408,13 +418,22 @@ impl CapturePair<'_> {
             accepted: self.accept,
             noise: self.noise,
             stretch,
+            changed: spot.filter(|_| is_maybe_change),
             free_axis: None,
             rivals: Vec::new(),
             colours: None,
             depth: None,
             larger_by: None,
-            is_doubtful: false,
+            is_doubtful: is_maybe_change,
         }
+    }
+
+    /// The spot where outlines of several views say most for a change of the object, and whether they are the second's.
+    fn spot(&self, [a, b]: [&Body; 2], pose: &Isometry3<f64>) -> Option<(Spot, bool)> {
+        let of_a = spots::worst(a, &self.a.alone, b, *pose).map(|spot| (spot, false));
+        let of_b = spots::worst(b, &self.b.alone, a, pose.inverse()).map(|spot| (spot, true));
+        let both = of_a.into_iter().chain(of_b);
+        both.max_by(|x, y| x.0.weight.total_cmp(&y.0.weight))
     }
 
     /// Standard deviations of turn and place, from how firmly contours hold the pose: neighbouring points of a contour

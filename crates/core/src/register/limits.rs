@@ -27,7 +27,12 @@ const AT_ONCE_GREEN: f64 = 2.0;
 const AT_ONCE_GREEN_MORE_PX: f64 = 0.16;
 /// A stretch of contour may miss by so many square pixels, length by depth.
 const STRETCH_PX2: f64 = 70.0;
-/// Against a pose that was not fitted, so many times that.
+/// At one spot, what several views of a capture miss beyond their own noise may weigh so many square pixels, without
+/// the view that misses most …
+const SPOT_PX2: f64 = 40.0;
+/// … and so many where the pose is green.
+const SPOT_GREEN_PX2: f64 = 20.0;
+/// A stretch against a pose that was not fitted may weigh so many times as much.
 const STRETCH_OBJECTION: f64 = 1.5;
 /// Comparisons of two captures that are made at most: so many for each capture …
 const COMPARISONS_EACH: usize = 2;
@@ -156,6 +161,16 @@ pub(super) fn is_long(stretch: f64) -> bool {
 /// beside what is ignored, an outline ends early in both.
 pub(super) fn is_long_against(stretch: f64, own: f64) -> bool {
     stretch > STRETCH_PX2.max(2.0 * own)
+}
+
+/// Whether what several views say of one spot, in square pixels, shows that the object changed there.
+pub(super) fn is_change(spot: f64) -> bool {
+    spot > SPOT_PX2
+}
+
+/// Whether it lies above the lower half of what is accepted.
+pub(super) fn is_maybe_change(spot: f64) -> bool {
+    spot > SPOT_GREEN_PX2
 }
 
 /// Whether a stretch objects to a pose that was not fitted to the silhouettes, whose own worst one is `own`.

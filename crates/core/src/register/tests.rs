@@ -1,6 +1,8 @@
 //! Tests the registration of bodies made of balls, whose outlines are known exactly, seen by a ring of small cameras.
 
 use super::body::Body;
+use super::decide::{Decision, decide};
+use super::group::prepare;
 use super::touch::{Target, touch};
 use super::*;
 use crate::calibration::{Camera, DepthCamera, DepthResponse, Distortion, Intrinsics, Volume};
@@ -278,6 +280,44 @@ fn a_body_that_changed_is_refused_and_a_faulty_capture_is_left_out() {
         found.captures[1]
     );
     assert_eq!(why(2), Refusal::ContradictsItself);
+}
+
+/// What is decided of two captures whose silhouettes are said to be as noisy as they may be, so that the whole contour
+/// tells nothing.
+fn decided_of_noisy(captures: &[(Scene, Vec<Silhouette>); 2]) -> Decision {
+    let [a, b] = [0, 1].map(|i| {
+        let (scene, silhouettes) = &captures[i];
+        let mut prepared = prepare(&CaptureSilhouettes { scene, silhouettes }).unwrap();
+        prepared.own.rms = limits::own(prepared.body.pixel);
+        prepared
+    });
+    decide(&a, &b, None)
+}
+
+#[test]
+fn a_knob_that_broke_off_is_seen_at_one_spot_and_one_wrong_outline_shows_no_change() {
+    let poses = near_poses();
+    let knob = ball(-0.02, -0.015, 0.018, 0.0055);
+    let with_knob = [&crooked()[..], &[knob]].concat();
+    let broken = [
+        capture(&with_knob, &poses[0]),
+        capture(&crooked(), &poses[1]),
+    ];
+    let decision = decided_of_noisy(&broken);
+    let (spot, is_second) = decision.changed.clone().unwrap();
+    assert!(limits::is_change(spot.weight) && !is_second, "{decision:?}");
+    assert_eq!(decision.verdict, Err(Refusal::Stretch), "{decision:?}");
+    assert!(decision.disagreement < decision.accepted, "{decision:?}");
+    let stretch = decision.stretch.clone().unwrap().0;
+    assert!(!limits::is_long(stretch.weight()), "{decision:?}");
+
+    // The same in one picture alone is a fault of that silhouette.
+    let mut one_wrong = poses.map(|pose| capture(&crooked(), &pose));
+    let camera = broken[0].0.colors[spot.stretch.camera].camera.clone();
+    one_wrong[0].1[spot.stretch.camera].level = level(&camera, &with_knob, &poses[0]);
+    let decision = decided_of_noisy(&one_wrong);
+    assert!(decision.changed.is_none(), "{decision:?}");
+    assert_ne!(decision.verdict, Err(Refusal::Stretch), "{decision:?}");
 }
 
 #[test]
