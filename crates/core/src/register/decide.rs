@@ -6,7 +6,7 @@ use super::body::Body;
 use super::depth::Depths;
 use super::determination::{Determination, axis};
 use super::motion::displacement;
-use super::noise::{self, Disagreement};
+use super::noise::{self, ContourStretch, Disagreement};
 use super::scale;
 use super::search;
 use super::skin::Skin;
@@ -44,7 +44,9 @@ pub(super) struct Decision {
     /// The worse of the two captures' own noise.
     pub(super) noise: f64,
     /// Worst stretch among both captures' contours; whether it is the second's.
-    pub(super) stretch: Option<(noise::ContourStretch, bool)>,
+    pub(super) stretch: Option<(ContourStretch, bool)>,
+    /// The worst one of what they miss beyond what they miss in their own capture.
+    pub(super) beyond_own: Option<(ContourStretch, bool)>,
     /// Where outlines of several views disagree at one spot, so that something may have broken off there; whether they
     /// are the second's.
     pub(super) changed: Option<(Spot, bool)>,
@@ -74,9 +76,11 @@ impl Decision {
     pub(super) fn reversed(&self) -> Self {
         let turn = self.pose.rotation.inverse();
         let (stretch, changed) = (self.stretch.clone(), self.changed.clone());
+        let beyond_own = self.beyond_own.clone();
         Self {
             pose: self.pose.inverse(),
             stretch: stretch.map(|(stretch, is_second)| (stretch, !is_second)),
+            beyond_own: beyond_own.map(|(stretch, is_second)| (stretch, !is_second)),
             changed: changed.map(|(spot, is_second)| (spot, !is_second)),
             free_axis: self.free_axis.map(|axis| turn * axis),
             larger_by: self.larger_by.map(|share| 1.0 / (1.0 + share) - 1.0),
@@ -167,16 +171,8 @@ impl CapturePair<'_> {
 
     /// Whether silhouettes object to a pose that was not fitted to them.
     fn do_silhouettes_object(&self, decision: &Decision) -> bool {
-        let worst = decision.stretch.as_ref().map_or(0.0, |(s, _)| s.weight());
-        decision.disagreement > self.object
-            || limits::does_stretch_object(worst, self.own_stretch())
-    }
-
-    /// The worse of the stretches in which the captures' silhouettes contradict themselves, in square pixels.
-    fn own_stretch(&self) -> f64 {
-        let own =
-            [&self.a.own, &self.b.own].map(|o| o.stretch.as_ref().map_or(0.0, |s| s.weight()));
-        own[0].max(own[1])
+        let beyond_own = weight_of(decision.beyond_own.as_ref());
+        decision.disagreement > self.object || limits::does_stretch_object(beyond_own)
     }
 
     /// The axis about which the silhouettes leave the turn of a pose open, in the second's rig.
@@ -395,16 +391,16 @@ impl CapturePair<'_> {
         let of_a = noise::of_rays(a, &target(b, aligned.pose));
         let of_b = noise::of_rays(b, &target(a, aligned.pose.inverse()));
         let disagreement = (0.5 * (of_a.rms.powi(2) + of_b.rms.powi(2))).sqrt();
-        let stretches = [(of_a.stretch, false), (of_b.stretch, true)];
-        let stretch = stretches
-            .into_iter()
-            .filter_map(|(s, is_second)| Some((s?, is_second)))
-            .max_by(|x, y| x.0.weight().total_cmp(&y.0.weight()));
-        let worst = stretch.as_ref().map_or(0.0, |(s, _)| s.weight());
-        let is_long = limits::is_long_against(worst, self.own_stretch());
-        let spot = self.spot([a, b], &aligned.pose);
+        let stretch = heavier([(of_a.stretch, false), (of_b.stretch, true)]);
+        let of_a = spots::changes(a, &self.a.alone, b, aligned.pose);
+        let of_b = spots::changes(b, &self.b.alone, a, aligned.pose.inverse());
+        let spots = [(of_a.spot, false), (of_b.spot, true)].into_iter();
+        let spots = spots.filter_map(|(spot, is_second)| Some((spot?, is_second)));
+        let spot = spots.max_by(|x, y| x.0.weight.total_cmp(&y.0.weight));
         let weight = spot.as_ref().map_or(0.0, |(spot, _)| spot.weight);
         let is_maybe_change = limits::is_maybe_change(weight);
+        let beyond_own = heavier([(of_a.stretch, false), (of_b.stretch, true)]);
+        let is_long = limits::is_long(weight_of(beyond_own.as_ref()));
         let verdict = match verdict {
             Ok(_) if disagreement > self.accept => Err(Refusal::NoPose),
             Ok(_) if is_long || limits::is_change(weight) => Err(Refusal::Stretch),
@@ -417,7 +413,8 @@ impl CapturePair<'_> {
             disagreement,
             accepted: self.accept,
             noise: self.noise,
-            stretch,
+            stretch: if is_long { beyond_own.clone() } else { stretch },
+            beyond_own,
             changed: spot.filter(|_| is_maybe_change),
             free_axis: None,
             rivals: Vec::new(),
@@ -426,14 +423,6 @@ impl CapturePair<'_> {
             larger_by: None,
             is_doubtful: is_maybe_change,
         }
-    }
-
-    /// The spot where outlines of several views say most for a change of the object, and whether they are the second's.
-    fn spot(&self, [a, b]: [&Body; 2], pose: &Isometry3<f64>) -> Option<(Spot, bool)> {
-        let of_a = spots::worst(a, &self.a.alone, b, *pose).map(|spot| (spot, false));
-        let of_b = spots::worst(b, &self.b.alone, a, pose.inverse()).map(|spot| (spot, true));
-        let both = of_a.into_iter().chain(of_b);
-        both.max_by(|x, y| x.0.weight.total_cmp(&y.0.weight))
     }
 
     /// Standard deviations of turn and place, from how firmly contours hold the pose: neighbouring points of a contour
@@ -450,4 +439,16 @@ impl CapturePair<'_> {
         let place = (sum(0..3) * scatter).sqrt();
         (turn.to_degrees().min(180.0), place)
     }
+}
+
+/// The heavier of two captures' stretches, with whether it is the second's.
+fn heavier(stretches: [(Option<ContourStretch>, bool); 2]) -> Option<(ContourStretch, bool)> {
+    let known = stretches.into_iter();
+    let known = known.filter_map(|(stretch, is_second)| Some((stretch?, is_second)));
+    known.max_by(|x, y| x.0.weight().total_cmp(&y.0.weight()))
+}
+
+/// Length by depth, in square pixels, of a stretch.
+fn weight_of(stretch: Option<&(ContourStretch, bool)>) -> f64 {
+    stretch.map_or(0.0, |(stretch, _)| stretch.weight())
 }

@@ -152,15 +152,10 @@ pub(super) fn objection(noise: f64, pixel: f64) -> f64 {
     (OBJECTION * noise).max(noise + OBJECTION_MORE_PX * pixel)
 }
 
-/// Whether a stretch of contour of this weight in square pixels contradicts the other contours of its own capture.
+/// Whether a stretch of contour of this weight in square pixels contradicts the other contours of its own capture, or,
+/// by what it misses beyond that, another capture.
 pub(super) fn is_long(stretch: f64) -> bool {
     stretch > STRETCH_PX2
-}
-
-/// Whether one contradicts another capture. `own` is the most that either capture's stretches weigh against itself:
-/// beside what is ignored, an outline ends early in both.
-pub(super) fn is_long_against(stretch: f64, own: f64) -> bool {
-    stretch > STRETCH_PX2.max(2.0 * own)
 }
 
 /// Whether what several views say of one spot, in square pixels, shows that the object changed there.
@@ -173,9 +168,9 @@ pub(super) fn is_maybe_change(spot: f64) -> bool {
     spot > SPOT_GREEN_PX2
 }
 
-/// Whether a stretch objects to a pose that was not fitted to the silhouettes, whose own worst one is `own`.
-pub(super) fn does_stretch_object(stretch: f64, own: f64) -> bool {
-    is_long_against(stretch / STRETCH_OBJECTION, own)
+/// Whether a stretch objects to a pose that was not fitted to the silhouettes.
+pub(super) fn does_stretch_object(stretch: f64) -> bool {
+    is_long(stretch / STRETCH_OBJECTION)
 }
 
 /// How many comparisons of two captures are made at most, of so many captures.

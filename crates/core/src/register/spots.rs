@@ -5,15 +5,24 @@
 
 use super::ContourStretch;
 use super::body::Body;
-use super::noise::{chains, runs};
+use super::noise::{Run, chains, runs};
 use super::touch::{Target, Touch, touch};
-use nalgebra::{Isometry3, Point3};
+use nalgebra::{Isometry3, Point3, Vector3};
 use rayon::prelude::*;
 
 /// A ray counts that misses by so many pixels more than it does in its own capture.
 const MORE_PX: f64 = 1.0;
 /// Stretches lie at one spot whose middles are nearer to each other than this many pixels.
-const REACH_PX: f64 = 16.0;
+const REACH_PX: f64 = 20.0;
+
+/// What contours of one capture say against another one, beyond what they say against their own.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub(super) struct Changes {
+    /// The heaviest stretch of one view.
+    pub(super) stretch: Option<ContourStretch>,
+    /// The heaviest spot; `None` where no two views miss at one place.
+    pub(super) spot: Option<Spot>,
+}
 
 /// A spot of the object's surface where contours of several views miss.
 #[derive(Clone, Debug, PartialEq)]
@@ -39,14 +48,13 @@ pub(super) fn own_misses(own: &Body) -> Vec<f64> {
     misses(own, &touches(own, &[itself(own)]))
 }
 
-/// The spot for whose change the contours of `own` say most; `None` where no two views miss at one place. `alone` is
-/// [`own_misses`] of `own`.
-pub(super) fn worst(
+/// Where the contours of `own` say most for a change of the object. `alone` is [`own_misses`] of `own`.
+pub(super) fn changes(
     own: &Body,
     alone: &[f64],
     other: &Body,
     other_from_own: Isometry3<f64>,
-) -> Option<Spot> {
+) -> Changes {
     let target = Target {
         body: other,
         body_from_ray: other_from_own,
@@ -57,7 +65,11 @@ pub(super) fn worst(
     let more: Vec<f64> = more.map(|(miss, alone)| miss - alone.max(0.0)).collect();
     let place = |i: usize| own.rays[i].eye + own.rays[i].direction * touches[i].along;
     let found = stretches(own, &more, &place);
-    heaviest(&found, REACH_PX * own.pixel)
+    let heavier = |a: &ContourStretch, b: &ContourStretch| a.weight().total_cmp(&b.weight());
+    Changes {
+        spot: heaviest(&found, REACH_PX * own.pixel),
+        stretch: found.into_iter().map(|miss| miss.stretch).max_by(heavier),
+    }
 }
 
 fn itself(own: &Body) -> Target<'_> {
@@ -84,8 +96,13 @@ fn stretches(own: &Body, misses: &[f64], place: &dyn Fn(usize) -> Point3<f64>) -
         let is_closed = own.outlines[first.view].is_closed[first.chain];
         let count = chain.len();
         let found = runs(&misses[chain.clone()], is_closed, MORE_PX).into_iter();
+        let middle = move |run: &Run| {
+            let rays = (0..run.length).map(|i| chain.start + (run.first + i) % count);
+            let sum: Vector3<f64> = rays.map(|i| place(i).coords).sum();
+            Point3::from(sum / run.length as f64)
+        };
         found.map(move |run| Miss {
-            middle: place(chain.start + (run.first + run.length / 2) % count),
+            middle: middle(&run),
             stretch: ContourStretch {
                 camera: own.cameras[first.view],
                 length_px: run.length as f64 * first.length_px,

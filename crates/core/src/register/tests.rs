@@ -289,9 +289,36 @@ fn decided_of_noisy(captures: &[(Scene, Vec<Silhouette>); 2]) -> Decision {
         let (scene, silhouettes) = &captures[i];
         let mut prepared = prepare(&CaptureSilhouettes { scene, silhouettes }).unwrap();
         prepared.own.rms = limits::own(prepared.body.pixel);
+        let camera = 0;
+        let (length_px, miss_px) = (30.0, 2.0);
+        let stretch = ContourStretch {
+            camera,
+            length_px,
+            miss_px,
+        };
+        prepared.own.stretch = Some(stretch);
         prepared
     });
     decide(&a, &b, None)
+}
+
+#[test]
+fn a_piece_that_one_outline_lost_is_refused_although_its_capture_contradicts_itself_too() {
+    let poses = near_poses();
+    let whole = [&crooked()[..], &[ball(0.0, -0.03, 0.012, 0.008)]].concat();
+    let mut captures = poses.map(|pose| capture(&whole, &pose));
+    let lost = |i: usize| level(&captures[1].0.colors[i].camera, &crooked(), &poses[1]);
+    let missing = |level: &Mask, i: usize| {
+        let before = captures[1].1[i].level.pixels().iter();
+        before.zip(level.pixels()).filter(|(a, b)| a != b).count()
+    };
+    let levels: Vec<Mask> = (0..9).map(lost).collect();
+    let most = (0..9).max_by_key(|&i| missing(&levels[i], i)).unwrap();
+    captures[1].1[most].level = levels[most].clone();
+    let decision = decided_of_noisy(&captures);
+    let beyond_own = decision.beyond_own.clone().unwrap().0.weight();
+    assert!(limits::is_long(beyond_own), "{decision:?}");
+    assert_eq!(decision.verdict, Err(Refusal::Stretch), "{decision:?}");
 }
 
 #[test]
