@@ -72,7 +72,7 @@ const NOTHING_IN_COMMON: f64 = 0.1;
 const COMMON_POINTS: usize = 500;
 
 /// Share of depth readings beyond which they contradict a pose.
-pub(super) const DEPTH_CONTRADICTS: f64 = 0.05;
+pub(super) const DEPTH_CONTRADICTS: f64 = 0.03;
 /// Depth tells no turn from another where it objects to fewer of them than this share …
 pub(super) const DEPTH_OBJECTS_TO: f64 = 0.4;
 /// … and to no more in a row than these degrees. For an object that fits again after a quarter of a turn, it objects
