@@ -86,7 +86,7 @@ error-trial: ## compare the errors that models state with the truth, over shapes
 verdict-trial: ## compare the verdicts on N simulated captures (200), with faults and without, with the truth, and print a table
 	N=$(or $(N),200) $(CARGO) test --release --locked --package scand-lab --test rendered verdict_trial::verdict_trial -- --ignored --nocapture
 
-fusion-trial: ## fuse rendered sessions of ten shapes in N random poses each (10), bowls with fruit, and what must not be fused; print a table
+fusion-trial: ## fuse rendered sessions of ten shapes in N random poses each (10), bowls with fruit, and what must not be fused; print a table, or the rows with the word ONLY in their name
 	N=$(or $(N),10) $(CARGO) test --release --locked --test offline fusion_trial::ten_shapes -- --ignored --nocapture --test-threads 1
 
 bench: ## time each stage and a whole replay (SCAND_BENCH_RECORDING names another recording)

@@ -1,6 +1,7 @@
 //! Sessions of one object in several poses, rendered, recorded and fused by the command, and held against the truth: no
 //! pose may be stated with confidence that is wrong, and what is not one object is not fused. `make fusion-trial` runs
-//! ten shapes and prints a line for each session; the tests run a few small ones.
+//! ten shapes and prints a line for each session, or only those whose name has the word in `ONLY`; the tests run
+//! a few small ones.
 
 mod bytes;
 mod captures;
@@ -19,6 +20,11 @@ use std::path::PathBuf;
 
 /// The object's number in all sessions.
 const SUBJECT: &str = "17";
+
+/// Whether a session of the trial is to be run: all are, unless `ONLY` holds a word, which then is in its name.
+fn is_wanted(name: &str) -> bool {
+    std::env::var("ONLY").map_or(true, |word| name.contains(&word))
+}
 
 /// Poses as words.
 fn poses(words: &str) -> Vec<Pose> {

@@ -1,7 +1,7 @@
 //! Random poses of several shapes: which are held, and whether what is said of them is true.
 
 use super::score::{PoseError, error, pose};
-use super::{Fused, fuse, session};
+use super::{Fused, fuse, is_wanted, session};
 use scand::mesh::volume_and_total_area;
 use scand_lab::Shape;
 use serde_json::Value;
@@ -158,10 +158,13 @@ pub(super) fn trial(count: u64) -> Vec<String> {
     for (k, object) in OBJECTS.iter().enumerate() {
         for i in 0..count {
             let seed = 1000 + 100 * k as u64 + i;
+            let name = format!("{:?} seed {seed}", object.shape);
+            if !is_wanted(&name) {
+                continue;
+            }
             let options = session(object.shape, object.has_pattern, 1280, "upright,any", seed);
             let fused = fuse(options);
             let said = said(&fused, object.has_pattern);
-            let name = format!("{:?} seed {seed}", object.shape);
             println!("{}", line(&name, &said));
             if said.level == "refused" {
                 let why = fused.words.lines().last().unwrap_or_default();
@@ -192,6 +195,10 @@ pub(super) fn hollow_trial() -> Vec<String> {
     const LEAST_VOLUME: f64 = 0.95;
     let mut wrong = Vec::new();
     for (has_pattern, seed) in [(true, 1), (true, 2), (true, 3), (false, 1), (false, 2)] {
+        let name = format!("a bowl with fruit, pattern {has_pattern}, seed {seed}");
+        if !is_wanted(&name) {
+            continue;
+        }
         let words = "upright,flip,side,turn:130";
         let fused = fuse(session(
             Shape::FruitBowl,
@@ -204,7 +211,6 @@ pub(super) fn hollow_trial() -> Vec<String> {
         let share = fused
             .volume
             .map(|volume| volume / volume_and_total_area(simulation.truth()).0);
-        let name = format!("a bowl with fruit, pattern {has_pattern}, seed {seed}");
         println!(
             "{name}: exit code {:?}, share of the volume {share:?}",
             fused.code

@@ -6,10 +6,11 @@ use super::body::Body;
 use super::depth::Depths;
 use super::determination::{Determination, axis};
 use super::motion::displacement;
-use super::noise::{self, Disagreement};
+use super::noise::{self, ContourStretch, Disagreement};
 use super::scale;
 use super::search;
 use super::skin::Skin;
+use super::spots::{self, Spot};
 use super::touch::Target;
 use super::{ColorAgreement, DepthWitness, OtherPose, PoseEvidence, Refusal, limits};
 use crate::calibration::Camera;
@@ -23,6 +24,8 @@ pub(super) struct Prepared {
     pub(super) depths: Depths,
     /// What its silhouettes say against each other.
     pub(super) own: Disagreement,
+    /// By how many pixels each of its rays misses what its other outlines leave.
+    pub(super) alone: Vec<f64>,
     /// The cameras as it was calibrated.
     pub(super) cameras: Vec<Camera>,
 }
@@ -41,7 +44,12 @@ pub(super) struct Decision {
     /// The worse of the two captures' own noise.
     pub(super) noise: f64,
     /// Worst stretch among both captures' contours; whether it is the second's.
-    pub(super) stretch: Option<(noise::ContourStretch, bool)>,
+    pub(super) stretch: Option<(ContourStretch, bool)>,
+    /// The worst one of what they miss beyond what they miss in their own capture.
+    pub(super) beyond_own: Option<(ContourStretch, bool)>,
+    /// Where outlines of several views disagree at one spot, so that something may have broken off there; whether they
+    /// are the second's.
+    pub(super) changed: Option<(Spot, bool)>,
     /// The axis in the second's rig about which a turn is free.
     pub(super) free_axis: Option<UnitVector3<f64>>,
     /// Other poses that the silhouettes bear, and how far they move the surface.
@@ -67,10 +75,13 @@ impl Decision {
     /// The same of the second capture as the first, and the first as the second.
     pub(super) fn reversed(&self) -> Self {
         let turn = self.pose.rotation.inverse();
-        let stretch = self.stretch.clone();
+        let (stretch, changed) = (self.stretch.clone(), self.changed.clone());
+        let beyond_own = self.beyond_own.clone();
         Self {
             pose: self.pose.inverse(),
             stretch: stretch.map(|(stretch, is_second)| (stretch, !is_second)),
+            beyond_own: beyond_own.map(|(stretch, is_second)| (stretch, !is_second)),
+            changed: changed.map(|(spot, is_second)| (spot, !is_second)),
             free_axis: self.free_axis.map(|axis| turn * axis),
             larger_by: self.larger_by.map(|share| 1.0 / (1.0 + share) - 1.0),
             ..self.clone()
@@ -151,7 +162,7 @@ impl CapturePair<'_> {
                 .as_ref()
                 .is_some_and(limits::do_colours_leave_open);
         // Readings on a steep wall may contradict the true pose.
-        decision.is_doubtful = is_beyond_fitted
+        decision.is_doubtful |= is_beyond_fitted
             || self.is_contradicted(&decision)
             || decision.do_colours_contradict()
             || is_open;
@@ -160,16 +171,8 @@ impl CapturePair<'_> {
 
     /// Whether silhouettes object to a pose that was not fitted to them.
     fn do_silhouettes_object(&self, decision: &Decision) -> bool {
-        let worst = decision.stretch.as_ref().map_or(0.0, |(s, _)| s.weight());
-        decision.disagreement > self.object
-            || limits::does_stretch_object(worst, self.own_stretch())
-    }
-
-    /// The worse of the stretches in which the captures' silhouettes contradict themselves, in square pixels.
-    fn own_stretch(&self) -> f64 {
-        let own =
-            [&self.a.own, &self.b.own].map(|o| o.stretch.as_ref().map_or(0.0, |s| s.weight()));
-        own[0].max(own[1])
+        let beyond_own = weight_of(decision.beyond_own.as_ref());
+        decision.disagreement > self.object || limits::does_stretch_object(beyond_own)
     }
 
     /// The axis about which the silhouettes leave the turn of a pose open, in the second's rig.
@@ -388,16 +391,19 @@ impl CapturePair<'_> {
         let of_a = noise::of_rays(a, &target(b, aligned.pose));
         let of_b = noise::of_rays(b, &target(a, aligned.pose.inverse()));
         let disagreement = (0.5 * (of_a.rms.powi(2) + of_b.rms.powi(2))).sqrt();
-        let stretches = [(of_a.stretch, false), (of_b.stretch, true)];
-        let stretch = stretches
-            .into_iter()
-            .filter_map(|(s, is_second)| Some((s?, is_second)))
-            .max_by(|x, y| x.0.weight().total_cmp(&y.0.weight()));
-        let worst = stretch.as_ref().map_or(0.0, |(s, _)| s.weight());
-        let is_long = limits::is_long_against(worst, self.own_stretch());
+        let stretch = heavier([(of_a.stretch, false), (of_b.stretch, true)]);
+        let of_a = spots::changes(a, &self.a.alone, b, aligned.pose);
+        let of_b = spots::changes(b, &self.b.alone, a, aligned.pose.inverse());
+        let spots = [(of_a.spot, false), (of_b.spot, true)].into_iter();
+        let spots = spots.filter_map(|(spot, is_second)| Some((spot?, is_second)));
+        let spot = spots.max_by(|x, y| x.0.weight.total_cmp(&y.0.weight));
+        let weight = spot.as_ref().map_or(0.0, |(spot, _)| spot.weight);
+        let is_maybe_change = limits::is_maybe_change(weight);
+        let beyond_own = heavier([(of_a.stretch, false), (of_b.stretch, true)]);
+        let is_long = limits::is_long(weight_of(beyond_own.as_ref()));
         let verdict = match verdict {
             Ok(_) if disagreement > self.accept => Err(Refusal::NoPose),
-            Ok(_) if is_long => Err(Refusal::Stretch),
+            Ok(_) if is_long || limits::is_change(weight) => Err(Refusal::Stretch),
             verdict => verdict,
         };
         Decision {
@@ -407,13 +413,15 @@ impl CapturePair<'_> {
             disagreement,
             accepted: self.accept,
             noise: self.noise,
-            stretch,
+            stretch: if is_long { beyond_own.clone() } else { stretch },
+            beyond_own,
+            changed: spot.filter(|_| is_maybe_change),
             free_axis: None,
             rivals: Vec::new(),
             colours: None,
             depth: None,
             larger_by: None,
-            is_doubtful: false,
+            is_doubtful: is_maybe_change,
         }
     }
 
@@ -431,4 +439,16 @@ impl CapturePair<'_> {
         let place = (sum(0..3) * scatter).sqrt();
         (turn.to_degrees().min(180.0), place)
     }
+}
+
+/// The heavier of two captures' stretches, with whether it is the second's.
+fn heavier(stretches: [(Option<ContourStretch>, bool); 2]) -> Option<(ContourStretch, bool)> {
+    let known = stretches.into_iter();
+    let known = known.filter_map(|(stretch, is_second)| Some((stretch?, is_second)));
+    known.max_by(|x, y| x.0.weight().total_cmp(&y.0.weight()))
+}
+
+/// Length by depth, in square pixels, of a stretch.
+fn weight_of(stretch: Option<&(ContourStretch, bool)>) -> f64 {
+    stretch.map_or(0.0, |(stretch, _)| stretch.weight())
 }

@@ -16,6 +16,9 @@ const LEAST_POINTS: usize = 200;
 const TOLERANCE: f64 = 0.006;
 /// Metres between neighbouring readings from which on they are an edge's.
 const EDGE: f64 = 0.01;
+/// Metres by which the readings within two pixels of a place differ from which on it lies at an edge, where a reading
+/// may be of what is behind it.
+const EDGE_AROUND: f64 = 0.02;
 /// Metres above the table from which on a reading is the object's.
 const ABOVE_TABLE: f64 = 0.005;
 
@@ -26,7 +29,7 @@ pub(super) struct Depths(Vec<Depth>);
 #[derive(Clone, Debug)]
 struct Depth {
     camera: DepthCamera,
-    /// The nearest reading around each pixel in metres; 0 means no reading.
+    /// The nearest reading around each pixel in metres; 0 means no reading, or an edge.
     nearest: Grid<f32>,
     points: Vec<Point3<f64>>,
     tolerance: f64,
@@ -58,20 +61,10 @@ impl Depths {
 impl Depth {
     fn new(view: &DepthView, body: &Body) -> Self {
         let mean = mean_depth(view);
-        let (width, height) = (mean.width(), mean.height());
-        let mean = &mean;
-        let around = |x: usize, y: usize| {
-            let near = (-1..=1).flat_map(|dy| (-1..=1).map(move |dx| (dx, dy)));
-            let near = near.filter_map(move |(dx, dy)| mean.get(x as isize + dx, y as isize + dy));
-            near.copied().filter(|&d| d > 0.0)
-        };
-        let nearest = Grid::from_fn(width, height, |x, y| {
-            let least = around(x, y).fold(f32::INFINITY, f32::min);
-            if least.is_finite() { least } else { 0.0 }
-        });
+        let around = |x: usize, y: usize| within(&mean, 1, x, y);
         let mut points = Vec::new();
-        for y in 0..height {
-            for x in 0..width {
+        for y in 0..mean.height() {
+            for x in 0..mean.width() {
                 let depth = mean[(x, y)];
                 let is_edge = around(x, y).any(|d| f64::from((d - depth).abs()) > EDGE);
                 if depth <= 0.0 || is_edge {
@@ -89,12 +82,34 @@ impl Depth {
         }
         let step = points.len().div_ceil(MOST_POINTS).max(1);
         Self {
-            nearest,
+            nearest: nearest(&mean),
             points: points.into_iter().step_by(step).collect(),
             tolerance: TOLERANCE + view.camera.response.uncertainty,
             camera: view.camera.clone(),
         }
     }
+}
+
+/// The readings within so many pixels of a place.
+fn within(depths: &Grid<f32>, reach: isize, x: usize, y: usize) -> impl Iterator<Item = f32> {
+    let offsets = (-reach..=reach).flat_map(move |dy| (-reach..=reach).map(move |dx| (dx, dy)));
+    let near = offsets.filter_map(move |(dx, dy)| depths.get(x as isize + dx, y as isize + dy));
+    near.copied().filter(|&d| d > 0.0)
+}
+
+/// The nearest reading around each pixel in metres; 0 means no reading, or an edge.
+fn nearest(depths: &Grid<f32>) -> Grid<f32> {
+    Grid::from_fn(depths.width(), depths.height(), |x, y| {
+        let ends = |[low, high]: [f32; 2], d: f32| [low.min(d), high.max(d)];
+        let [low, high] = within(depths, 2, x, y).fold([f32::INFINITY, 0.0], ends);
+        let least = within(depths, 1, x, y).fold(f32::INFINITY, f32::min);
+        let is_edge = f64::from(high - low) > EDGE_AROUND;
+        if least.is_finite() && !is_edge {
+            least
+        } else {
+            0.0
+        }
+    })
 }
 
 fn mean_depth(view: &DepthView) -> Grid<f32> {
@@ -144,4 +159,22 @@ pub(super) fn contradiction(
         share: against as f64 / common as f64,
         points: common,
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn readings_at_an_edge_tell_nothing_and_those_of_a_slope_do() {
+        let edge = Grid::from_fn(12, 5, |x, _| if x < 6 { 0.7 } else { 0.75 });
+        let row: Vec<f32> = nearest(&edge).row(2).to_vec();
+        assert_eq!(row[..4], [0.7; 4]);
+        assert_eq!(row[4..8], [0.0; 4]);
+        assert_eq!(row[8..], [0.75; 4]);
+        let slope = Grid::from_fn(12, 5, |x, _| 0.7 + 0.004 * x as f32);
+        assert_eq!(nearest(&slope)[(6, 2)], slope[(5, 2)]);
+        let nothing = Grid::filled(12, 5, 0.0);
+        assert_eq!(nearest(&nothing)[(6, 2)], 0.0);
+    }
 }

@@ -8,6 +8,7 @@ use super::depth::Depths;
 use super::noise::{self, Disagreement};
 use super::places::{AtOnce, Placed, Places, largest};
 use super::skin::Skin;
+use super::spots;
 use super::touch::Target;
 use super::unseen::{Unseen, unseen};
 use super::{CaptureSilhouettes, PoseEvidence, Refusal, Registered, Registration, limits};
@@ -50,16 +51,18 @@ pub fn register(
     found.registration(frame_of)
 }
 
-fn prepare(capture: &CaptureSilhouettes) -> Option<Prepared> {
+/// Prepares a capture for comparisons; `None` where it has no hull.
+pub(super) fn prepare(capture: &CaptureSilhouettes) -> Option<Prepared> {
     let body = Body::new(capture).ok()?;
-    let (own, (skin, depths)) = rayon::join(
-        || noise::of_capture(&body),
+    let ((own, alone), (skin, depths)) = rayon::join(
+        || (noise::of_capture(&body), spots::own_misses(&body)),
         || rayon::join(|| Skin::new(capture, &body), || Depths::new(capture, &body)),
     );
     Some(Prepared {
         skin,
         depths,
         own,
+        alone,
         body,
         cameras: capture
             .scene
@@ -196,7 +199,10 @@ impl Found<'_> {
         into.sigma_mm = 1e3 * decision.uncertainty.1;
         into.disagreement_mm = Some(1e3 * decision.disagreement);
         into.accepted_mm = 1e3 * decision.accepted;
-        let stretch = decision.stretch.clone();
+        let of_spot = decision.changed.clone();
+        let stretch = of_spot.map(|(spot, is_second)| (spot.stretch, is_second));
+        into.may_have_changed = stretch.is_some();
+        let stretch = stretch.or_else(|| decision.stretch.clone());
         into.worst_stretch =
             stretch.map(|(s, is_second)| (if is_second { index } else { against }, s));
         into.larger_by = decision.larger_by;
@@ -228,6 +234,7 @@ fn nothing_known(refusal: Refusal) -> Registered {
         disagreement_mm: None,
         accepted_mm: 0.0,
         worst_stretch: None,
+        may_have_changed: false,
         depth: None,
         colours: None,
         larger_by: None,

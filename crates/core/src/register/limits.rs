@@ -27,7 +27,12 @@ const AT_ONCE_GREEN: f64 = 2.0;
 const AT_ONCE_GREEN_MORE_PX: f64 = 0.16;
 /// A stretch of contour may miss by so many square pixels, length by depth.
 const STRETCH_PX2: f64 = 70.0;
-/// Against a pose that was not fitted, so many times that.
+/// At one spot, what several views of a capture miss beyond their own noise may weigh so many square pixels, without
+/// the view that misses most …
+const SPOT_PX2: f64 = 40.0;
+/// … and so many where the pose is green.
+const SPOT_GREEN_PX2: f64 = 20.0;
+/// A stretch against a pose that was not fitted may weigh so many times as much.
 const STRETCH_OBJECTION: f64 = 1.5;
 /// Comparisons of two captures that are made at most: so many for each capture …
 const COMPARISONS_EACH: usize = 2;
@@ -67,7 +72,7 @@ const NOTHING_IN_COMMON: f64 = 0.1;
 const COMMON_POINTS: usize = 500;
 
 /// Share of depth readings beyond which they contradict a pose.
-pub(super) const DEPTH_CONTRADICTS: f64 = 0.05;
+pub(super) const DEPTH_CONTRADICTS: f64 = 0.03;
 /// Depth tells no turn from another where it objects to fewer of them than this share …
 pub(super) const DEPTH_OBJECTS_TO: f64 = 0.4;
 /// … and to no more in a row than these degrees. For an object that fits again after a quarter of a turn, it objects
@@ -147,20 +152,25 @@ pub(super) fn objection(noise: f64, pixel: f64) -> f64 {
     (OBJECTION * noise).max(noise + OBJECTION_MORE_PX * pixel)
 }
 
-/// Whether a stretch of contour of this weight in square pixels contradicts the other contours of its own capture.
+/// Whether a stretch of contour of this weight in square pixels contradicts the other contours of its own capture, or,
+/// by what it misses beyond that, another capture.
 pub(super) fn is_long(stretch: f64) -> bool {
     stretch > STRETCH_PX2
 }
 
-/// Whether one contradicts another capture. `own` is the most that either capture's stretches weigh against itself:
-/// beside what is ignored, an outline ends early in both.
-pub(super) fn is_long_against(stretch: f64, own: f64) -> bool {
-    stretch > STRETCH_PX2.max(2.0 * own)
+/// Whether what several views say of one spot, in square pixels, shows that the object changed there.
+pub(super) fn is_change(spot: f64) -> bool {
+    spot > SPOT_PX2
 }
 
-/// Whether a stretch objects to a pose that was not fitted to the silhouettes, whose own worst one is `own`.
-pub(super) fn does_stretch_object(stretch: f64, own: f64) -> bool {
-    is_long_against(stretch / STRETCH_OBJECTION, own)
+/// Whether it lies above the lower half of what is accepted.
+pub(super) fn is_maybe_change(spot: f64) -> bool {
+    spot > SPOT_GREEN_PX2
+}
+
+/// Whether a stretch objects to a pose that was not fitted to the silhouettes.
+pub(super) fn does_stretch_object(stretch: f64) -> bool {
+    is_long(stretch / STRETCH_OBJECTION)
 }
 
 /// How many comparisons of two captures are made at most, of so many captures.

@@ -9,7 +9,7 @@
 //! - `determination` finds the directions in which the silhouettes do not determine the pose;
 //! - `loose` asks colours where silhouettes hold a pose, but hold it loosely;
 //! - `skin` compares colours, which may be `alike` at every turn, and `depth` readings; `noise` measures how far a
-//!   capture contradicts itself;
+//!   capture contradicts itself, and `spots` finds where the object changed;
 //! - `decide` compares two captures, with `witnesses` where the silhouettes leave a choice, and with a `scale` where
 //!   their calibrations differ; `comparisons` keeps what was found of pairs, `places` makes groups of it, and `group`
 //!   does so for all and states what was found;
@@ -33,6 +33,7 @@ mod places;
 mod scale;
 mod search;
 mod skin;
+mod spots;
 mod touch;
 mod unseen;
 mod witnesses;
@@ -168,8 +169,10 @@ pub struct Registered {
     pub disagreement_mm: Option<f64>,
     /// Beyond this many millimetres the pose is refused.
     pub accepted_mm: f64,
-    /// The worst stretch of contour, and the number of its capture.
+    /// The worst stretch of contour, and the number of its capture. If the object may have changed, that where it did.
     pub worst_stretch: Option<(usize, ContourStretch)>,
+    /// Whether outlines of several cameras disagree at one place, so that something may have broken off there.
+    pub may_have_changed: bool,
     /// Whether depth contradicts the pose.
     pub depth: Option<DepthWitness>,
     /// How well colours agree at the pose.

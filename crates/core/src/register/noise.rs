@@ -2,9 +2,10 @@
 //! finds the longest stretch of a contour that does.
 
 use super::align::disagreement;
-use super::body::Body;
+use super::body::{Body, Ray};
 use super::touch::{Target, touch};
 use rayon::prelude::*;
+use std::ops::Range;
 
 /// A ray that misses by more than this many pixels disagrees.
 const MISS_PX: f64 = 1.25;
@@ -45,32 +46,21 @@ pub(super) fn of_rays(own: &Body, targets: &[Target]) -> Disagreement {
         .par_iter()
         .map(|ray| touch(own, ray, targets, None))
         .collect();
-    let miss = |i: usize| -touches[i].inside / own.pixel;
+    let misses: Vec<f64> = touches.iter().map(|t| -t.inside / own.pixel).collect();
     let mut worst: Option<ContourStretch> = None;
-    let mut start = 0;
-    while start < own.rays.len() {
-        let same = |i: usize| {
-            let (a, b) = (&own.rays[i], &own.rays[start]);
-            a.view == b.view && a.chain == b.chain
-        };
-        let mut end = start;
-        while end < own.rays.len() && same(end) {
-            end += 1;
-        }
-        let is_closed = own.outlines[own.rays[start].view].is_closed[own.rays[start].chain];
-        let misses: Vec<f64> = (start..end).map(miss).collect();
-        if let Some((count, miss_px)) = longest_run(&misses, is_closed) {
-            let length_px = count as f64 * own.rays[start].length_px;
+    for chain in chains(own) {
+        let first = &own.rays[chain.start];
+        let is_closed = own.outlines[first.view].is_closed[first.chain];
+        if let Some(run) = heaviest_run(&misses[chain], is_closed) {
             let found = ContourStretch {
-                camera: own.cameras[own.rays[start].view],
-                length_px,
-                miss_px,
+                camera: own.cameras[first.view],
+                length_px: run.length as f64 * first.length_px,
+                miss_px: run.sum / run.length as f64,
             };
             if worst.as_ref().is_none_or(|w| w.weight() < found.weight()) {
                 worst = Some(found);
             }
         }
-        start = end;
     }
     Disagreement {
         rms: disagreement(&touches, own.pixel),
@@ -88,30 +78,63 @@ pub(super) fn of_capture(body: &Body) -> Disagreement {
     of_rays(body, &itself)
 }
 
-/// The run of misses with the largest sum, and its mean.
-fn longest_run(misses: &[f64], is_closed: bool) -> Option<(usize, f64)> {
-    let count = misses.len();
-    let rounds = if is_closed { 2 * count } else { count };
-    let mut best: Option<(usize, f64)> = None;
-    let (mut length, mut gap, mut sum) = (0, 0, 0.0);
-    for i in 0..rounds {
-        let miss = misses[i % count];
-        if miss > MISS_PX {
-            length += gap + 1;
-            gap = 0;
-            sum += miss;
-        } else if length > 0 {
-            gap += 1;
-            if gap > LARGEST_GAP {
-                (length, gap, sum) = (0, 0, 0.0);
+/// The rays of each chain of a body's contours.
+pub(super) fn chains(own: &Body) -> Vec<Range<usize>> {
+    let is_same = |a: &Ray, b: &Ray| a.view == b.view && a.chain == b.chain;
+    let mut begin = 0;
+    let chain = |rays: &[Ray]| {
+        let range = begin..begin + rays.len();
+        begin = range.end;
+        range
+    };
+    own.rays.chunk_by(is_same).map(chain).collect()
+}
+
+/// A run of rays that miss, with small gaps.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Run {
+    /// The number of its first ray in the chain.
+    pub(super) first: usize,
+    /// How many rays long it is, with its gaps.
+    pub(super) length: usize,
+    /// The sum of what its rays miss by.
+    pub(super) sum: f64,
+}
+
+/// The runs of a chain's rays that miss by more than `least`. In a closed chain, one may go on across its begin.
+pub(super) fn runs(misses: &[f64], is_closed: bool, least: f64) -> Vec<Run> {
+    let mut runs: Vec<Run> = Vec::new();
+    for (i, &miss) in misses.iter().enumerate().filter(|(_, miss)| **miss > least) {
+        match runs.last_mut() {
+            Some(run) if i <= run.first + run.length + LARGEST_GAP => {
+                run.length = i + 1 - run.first;
+                run.sum += miss;
             }
-        }
-        let length = length.min(count);
-        if length > 0 && best.is_none_or(|(l, mean)| l as f64 * mean < sum) && i < count + length {
-            best = Some((length, sum / length as f64));
+            _ => runs.push(Run {
+                first: i,
+                length: 1,
+                sum: miss,
+            }),
         }
     }
-    best
+    if is_closed
+        && let [first, .., last] = runs[..]
+        && first.first + misses.len() <= last.first + last.length + LARGEST_GAP
+    {
+        runs.pop();
+        runs[0] = Run {
+            first: last.first,
+            length: first.first + misses.len() - last.first + first.length,
+            sum: last.sum + first.sum,
+        };
+    }
+    runs
+}
+
+/// The run with the largest sum.
+fn heaviest_run(misses: &[f64], is_closed: bool) -> Option<Run> {
+    let runs = runs(misses, is_closed, MISS_PX).into_iter();
+    runs.max_by(|a, b| a.sum.total_cmp(&b.sum))
 }
 
 #[cfg(test)]
@@ -121,8 +144,12 @@ mod tests {
     #[test]
     fn a_run_goes_on_across_the_begin_of_a_closed_contour_and_across_small_gaps() {
         let misses = [2.0, 2.0, 0.0, 0.0, 0.0, 0.0, 2.0, 0.0, 2.5];
-        assert_eq!(longest_run(&misses, false).unwrap().0, 3);
-        assert_eq!(longest_run(&misses, true).unwrap().0, 5);
-        assert_eq!(longest_run(&[0.5, 1.2], true), None);
+        let run = |first, length, sum| Run { first, length, sum };
+        let open = [run(0, 2, 4.0), run(6, 3, 4.5)];
+        assert_eq!(runs(&misses, false, MISS_PX), open);
+        assert_eq!(runs(&misses, true, MISS_PX), [run(6, 5, 8.5)]);
+        assert_eq!(heaviest_run(&misses, false), Some(open[1]));
+        assert_eq!(heaviest_run(&[0.5, 1.2], true), None);
+        assert_eq!(runs(&[2.0; 4], true, MISS_PX), [run(0, 4, 8.0)]);
     }
 }

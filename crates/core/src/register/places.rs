@@ -197,6 +197,8 @@ mod tests {
             accepted: 1e-3,
             noise: 1e-5,
             stretch: None,
+            beyond_own: None,
+            changed: None,
             free_axis: None,
             rivals: Vec::new(),
             colours: None,

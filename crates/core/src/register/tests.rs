@@ -1,6 +1,8 @@
 //! Tests the registration of bodies made of balls, whose outlines are known exactly, seen by a ring of small cameras.
 
 use super::body::Body;
+use super::decide::{Decision, decide};
+use super::group::prepare;
 use super::touch::{Target, touch};
 use super::*;
 use crate::calibration::{Camera, DepthCamera, DepthResponse, Distortion, Intrinsics, Volume};
@@ -278,6 +280,71 @@ fn a_body_that_changed_is_refused_and_a_faulty_capture_is_left_out() {
         found.captures[1]
     );
     assert_eq!(why(2), Refusal::ContradictsItself);
+}
+
+/// What is decided of two captures whose silhouettes are said to be as noisy as they may be, so that the whole contour
+/// tells nothing.
+fn decided_of_noisy(captures: &[(Scene, Vec<Silhouette>); 2]) -> Decision {
+    let [a, b] = [0, 1].map(|i| {
+        let (scene, silhouettes) = &captures[i];
+        let mut prepared = prepare(&CaptureSilhouettes { scene, silhouettes }).unwrap();
+        prepared.own.rms = limits::own(prepared.body.pixel);
+        let camera = 0;
+        let (length_px, miss_px) = (30.0, 2.0);
+        let stretch = ContourStretch {
+            camera,
+            length_px,
+            miss_px,
+        };
+        prepared.own.stretch = Some(stretch);
+        prepared
+    });
+    decide(&a, &b, None)
+}
+
+#[test]
+fn a_piece_that_one_outline_lost_is_refused_although_its_capture_contradicts_itself_too() {
+    let poses = near_poses();
+    let whole = [&crooked()[..], &[ball(0.0, -0.03, 0.012, 0.008)]].concat();
+    let mut captures = poses.map(|pose| capture(&whole, &pose));
+    let lost = |i: usize| level(&captures[1].0.colors[i].camera, &crooked(), &poses[1]);
+    let missing = |level: &Mask, i: usize| {
+        let before = captures[1].1[i].level.pixels().iter();
+        before.zip(level.pixels()).filter(|(a, b)| a != b).count()
+    };
+    let levels: Vec<Mask> = (0..9).map(lost).collect();
+    let most = (0..9).max_by_key(|&i| missing(&levels[i], i)).unwrap();
+    captures[1].1[most].level = levels[most].clone();
+    let decision = decided_of_noisy(&captures);
+    let beyond_own = decision.beyond_own.clone().unwrap().0.weight();
+    assert!(limits::is_long(beyond_own), "{decision:?}");
+    assert_eq!(decision.verdict, Err(Refusal::Stretch), "{decision:?}");
+}
+
+#[test]
+fn a_knob_that_broke_off_is_seen_at_one_spot_and_one_wrong_outline_shows_no_change() {
+    let poses = near_poses();
+    let knob = ball(-0.02, -0.015, 0.018, 0.0055);
+    let with_knob = [&crooked()[..], &[knob]].concat();
+    let broken = [
+        capture(&with_knob, &poses[0]),
+        capture(&crooked(), &poses[1]),
+    ];
+    let decision = decided_of_noisy(&broken);
+    let (spot, is_second) = decision.changed.clone().unwrap();
+    assert!(limits::is_change(spot.weight) && !is_second, "{decision:?}");
+    assert_eq!(decision.verdict, Err(Refusal::Stretch), "{decision:?}");
+    assert!(decision.disagreement < decision.accepted, "{decision:?}");
+    let stretch = decision.stretch.clone().unwrap().0;
+    assert!(!limits::is_long(stretch.weight()), "{decision:?}");
+
+    // The same in one picture alone is a fault of that silhouette.
+    let mut one_wrong = poses.map(|pose| capture(&crooked(), &pose));
+    let camera = broken[0].0.colors[spot.stretch.camera].camera.clone();
+    one_wrong[0].1[spot.stretch.camera].level = level(&camera, &with_knob, &poses[0]);
+    let decision = decided_of_noisy(&one_wrong);
+    assert!(decision.changed.is_none(), "{decision:?}");
+    assert_ne!(decision.verdict, Err(Refusal::Stretch), "{decision:?}");
 }
 
 #[test]

@@ -342,6 +342,12 @@ impl Told<'_> {
         let loose = is_loose.then(|| {
             "they hold one turn loosely, and colours do not decide it: look for steps".to_owned()
         });
+        let changed = found.may_have_changed.then(|| {
+            format!(
+                "outlines of several cameras disagree a little at one place{}: look whether a piece broke off there",
+                self.place_of_stretch(found)
+            )
+        });
         let larger = found.larger_by.map(|share| {
             let other = found.against.map_or_else(String::new, |i| self.name(i));
             format!(
@@ -369,7 +375,7 @@ impl Told<'_> {
              was given"
                 .to_owned()
         });
-        let doubts = loose.into_iter().chain(larger).chain(depth);
+        let doubts = loose.into_iter().chain(changed).chain(larger).chain(depth);
         doubts.chain(patterns).chain(open)
     }
 
@@ -500,6 +506,7 @@ mod tests {
                     miss_px: 3.0,
                 },
             )),
+            may_have_changed: false,
             depth: None,
             colours: None,
             larger_by: None,
@@ -548,6 +555,18 @@ mod tests {
         let told = serde_json::to_value(&fusion).unwrap();
         let words = |i: usize| told["captures"][i]["placement"].as_str();
         assert_eq!([words(0), words(1)], [Some("a is up"), Some("b is up")]);
+    }
+
+    #[test]
+    fn a_place_where_something_may_have_broken_off_is_told_with_a_camera() {
+        let mut doubted = registered(Ok(PoseEvidence::Silhouettes));
+        (doubted.level, doubted.may_have_changed) = (Level::Amber, true);
+        let told = words(doubted, false);
+        let place = "disagree a little at one place (worst in camera right of b: 40 px of contour";
+        assert!(told.contains(place), "{told}");
+        assert!(told.contains("broke off"), "{told}");
+        let told = words(registered(Ok(PoseEvidence::Silhouettes)), false);
+        assert!(!told.contains("broke off"), "{told}");
     }
 
     #[test]
