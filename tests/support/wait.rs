@@ -17,7 +17,7 @@ pub fn until_or<S: std::fmt::Display>(
     let end = Instant::now() + LONGEST;
     while !reached() {
         assert!(Instant::now() < end, "{what}: {}", seen());
-        std::thread::sleep(Duration::from_millis(5));
+        std::thread::sleep(Duration::from_millis(20));
     }
 }
 
