@@ -2,6 +2,7 @@
 
 use super::body::Body;
 use super::decide::{Decision, decide};
+use super::depth::{Depths, contradiction};
 use super::group::prepare;
 use super::touch::{Target, touch};
 use super::*;
@@ -779,4 +780,22 @@ fn what_no_camera_faced_lies_underneath_until_the_body_is_turned_over() {
     assert!(one.share > 0.02 && one.towards.z < -0.5, "{one:?}");
     let both = registered(&captures).unseen;
     assert!(both.share < 0.7 * one.share, "{both:?} {one:?}");
+}
+
+#[test]
+fn readings_where_an_outline_says_nothing_are_not_taken_for_the_objects() {
+    let poses = near_poses();
+    let mut captures = poses.map(|pose| hollowed(capture(&round(), &pose), &pose, &[]));
+    let compared = |captures: &[(Scene, Vec<Silhouette>); 2]| {
+        let [a, b] = captures.each_ref().map(|(scene, silhouettes)| {
+            let given = CaptureSilhouettes { scene, silhouettes };
+            Depths::new(&given, &Body::new(&given).unwrap())
+        });
+        contradiction(&a, &b, &(poses[1] * poses[0].inverse()))
+    };
+    assert!(compared(&captures).is_some());
+    for (_, silhouettes) in &mut captures {
+        silhouettes[4].unknown = Some(Mask::filled(SIZE.0, SIZE.1, 255));
+    }
+    assert_eq!(compared(&captures), None);
 }
