@@ -401,6 +401,9 @@ impl CapturePair<'_> {
         let is_maybe_change = limits::is_maybe_change(weight);
         let beyond_own = heavier([(of_a.stretch, false), (of_b.stretch, true)]);
         let is_long = limits::is_long(weight_of(beyond_own.as_ref()));
+        let own = [&self.a.own, &self.b.own].map(|own| own.stretch.as_ref());
+        let own = own.map(|stretch| stretch.map_or(0.0, ContourStretch::weight));
+        let longest = weight_of(beyond_own.as_ref()).max(own[0]).max(own[1]);
         let verdict = match verdict {
             Ok(_) if disagreement > self.accept => Err(Refusal::NoPose),
             Ok(_) if is_long || limits::is_change(weight) => Err(Refusal::Stretch),
@@ -421,7 +424,7 @@ impl CapturePair<'_> {
             colours: None,
             depth: None,
             larger_by: None,
-            is_doubtful: is_maybe_change,
+            is_doubtful: is_maybe_change || limits::is_doubtful(longest),
         }
     }
 

@@ -52,14 +52,14 @@ impl Depths {
                 .scene
                 .depths
                 .iter()
-                .map(|view| Depth::new(view, body))
+                .map(|view| Depth::new(view, capture, body))
                 .collect(),
         )
     }
 }
 
 impl Depth {
-    fn new(view: &DepthView, body: &Body) -> Self {
+    fn new(view: &DepthView, capture: &CaptureSilhouettes, body: &Body) -> Self {
         let mean = mean_depth(view);
         let around = |x: usize, y: usize| within(&mean, 1, x, y);
         let mut points = Vec::new();
@@ -75,7 +75,7 @@ impl Depth {
                     continue;
                 };
                 let is_object = p.z > body.floor + ABOVE_TABLE && body.value(p, 0.0) > 0.0;
-                if is_object {
+                if is_object && !is_ignored(capture, p) {
                     points.push(p);
                 }
             }
@@ -88,6 +88,19 @@ impl Depth {
             camera: view.camera.clone(),
         }
     }
+}
+
+/// Whether a point lies where the silhouette of some camera says nothing: it may be a prop's, which outlines do not
+/// exclude there.
+fn is_ignored(capture: &CaptureSilhouettes, p: Point3<f64>) -> bool {
+    let views = capture.scene.colors.iter().zip(capture.silhouettes);
+    let mut unknown = views.filter_map(|(view, s)| Some((&view.camera, s.unknown.as_ref()?)));
+    unknown.any(|(camera, unknown)| {
+        let at = camera
+            .project(p)
+            .and_then(|(pixel, _)| unknown.get(pixel.x.round() as isize, pixel.y.round() as isize));
+        at.is_some_and(|&at| at >= 128)
+    })
 }
 
 /// The readings within so many pixels of a place.

@@ -77,7 +77,7 @@ pub(super) fn prepare(capture: &CaptureSilhouettes) -> Option<Prepared> {
 /// part from one camera.
 fn contradicts_itself(own: &Disagreement, pixel: f64) -> bool {
     let stretch = own.stretch.as_ref().map_or(0.0, |s| s.weight());
-    own.rms > limits::own(pixel) || limits::is_long(stretch)
+    own.rms > limits::own(pixel) || limits::does_contradict_itself(stretch)
 }
 
 /// What all others of `placed` say against one of them.
@@ -259,8 +259,8 @@ mod tests {
             }),
         };
         let pixel = 0.4e-3;
-        assert!(!contradicts_itself(&with(0.05e-3, 30.0), pixel));
-        assert!(contradicts_itself(&with(0.05e-3, 40.0), pixel));
-        assert!(contradicts_itself(&with(0.3e-3, 30.0), pixel));
+        assert!(!contradicts_itself(&with(0.05e-3, 50.0), pixel));
+        assert!(contradicts_itself(&with(0.05e-3, 70.0), pixel));
+        assert!(contradicts_itself(&with(0.3e-3, 50.0), pixel));
     }
 }

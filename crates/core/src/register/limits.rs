@@ -25,13 +25,17 @@ const ALL_AT_ONCE_MORE_PX: f64 = 0.2;
 const AT_ONCE_GREEN: f64 = 2.0;
 /// … or so many pixels more than it.
 const AT_ONCE_GREEN_MORE_PX: f64 = 0.16;
-/// A stretch of contour may miss by so many square pixels, length by depth.
-const STRETCH_PX2: f64 = 70.0;
+/// A stretch of contour may miss what its own capture leaves by so many square pixels, length by depth …
+const OWN_STRETCH_PX2: f64 = 120.0;
+/// … and what another capture leaves by so many more than that …
+const STRETCH_PX2: f64 = 95.0;
+/// … of either so many where the pose is green.
+const GREEN_STRETCH_PX2: f64 = 70.0;
 /// At one spot, what several views of a capture miss beyond their own noise may weigh so many square pixels, without
 /// the view that misses most …
-const SPOT_PX2: f64 = 40.0;
+const SPOT_PX2: f64 = 60.0;
 /// … and so many where the pose is green.
-const SPOT_GREEN_PX2: f64 = 20.0;
+const SPOT_GREEN_PX2: f64 = 40.0;
 /// A stretch against a pose that was not fitted may weigh so many times as much.
 const STRETCH_OBJECTION: f64 = 1.5;
 /// Comparisons of two captures that are made at most: so many for each capture …
@@ -152,10 +156,19 @@ pub(super) fn objection(noise: f64, pixel: f64) -> f64 {
     (OBJECTION * noise).max(noise + OBJECTION_MORE_PX * pixel)
 }
 
-/// Whether a stretch of contour of this weight in square pixels contradicts the other contours of its own capture, or,
-/// by what it misses beyond that, another capture.
+/// Whether a stretch of contour of this weight in square pixels contradicts the other contours of its own capture.
+pub(super) fn does_contradict_itself(stretch: f64) -> bool {
+    stretch > OWN_STRETCH_PX2
+}
+
+/// Whether what a stretch of contour misses beyond that, in square pixels, contradicts another capture.
 pub(super) fn is_long(stretch: f64) -> bool {
     stretch > STRETCH_PX2
+}
+
+/// Whether a stretch of either kind is so long that a person should look.
+pub(super) fn is_doubtful(stretch: f64) -> bool {
+    stretch > GREEN_STRETCH_PX2
 }
 
 /// Whether what several views say of one spot, in square pixels, shows that the object changed there.
