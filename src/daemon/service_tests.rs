@@ -381,8 +381,11 @@ fn a_thousand_presses_with_clients_that_go_away_have_one_end_each() {
         for message in recording.messages(&Topic::Trigger) {
             let trigger = recording.trigger(message).unwrap();
             let name = trigger.press_id.unwrap();
-            let twice = taken.insert(name, trigger.id.to_string());
-            assert_eq!(twice, None, "a press with two captures");
+            let id = trigger.id.to_string();
+            // On a busy machine an attempt may fail, and is taken once more.
+            if let Some(first) = taken.insert(name, id.clone()) {
+                assert_eq!(id, format!("{first}.r1"), "a press with two captures");
+            }
         }
     }
     for (name, end) in &ends {
