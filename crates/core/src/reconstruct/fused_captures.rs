@@ -6,7 +6,7 @@ use super::hull::{Hull, Plane};
 use super::region::Regions;
 use super::{DepthView, Scene};
 use crate::calibration::Volume;
-use nalgebra::{Isometry3, Point2, Point3};
+use nalgebra::{Isometry3, Point2, Point3, Vector3};
 
 /// Share of a region's pixels that another camera's better one must see too, to take its place.
 const COMMON: f64 = 0.3;
@@ -107,9 +107,11 @@ impl FusedCaptures {
         let mut kept: Vec<&Region> = Vec::new();
         for &i in &order {
             let region = &seen[i];
-            let is_taken = kept
-                .iter()
-                .any(|k| k.capture != region.capture && region.common(k) > COMMON);
+            let is_taken = kept.iter().any(|k| {
+                k.capture != region.capture
+                    && region.is_seen_from_the_side_of(k)
+                    && region.common(k) > COMMON
+            });
             if is_taken {
                 let regions = &mut *depths[region.view].1;
                 let labels = &mut regions.labels;
@@ -133,6 +135,7 @@ impl FusedCaptures {
                 rank: own.rank,
                 label: label as u16,
                 size: 0,
+                eye: own.scene_from_rig * own.view.camera.camera.center(),
                 points: Vec::new(),
             })
             .collect();
@@ -167,10 +170,24 @@ struct Region {
     rank: u8,
     label: u16,
     size: usize,
+    /// The depth camera's centre.
+    eye: Point3<f64>,
     points: Vec<Point3<f64>>,
 }
 
 impl Region {
+    /// Whether both are seen from one side: the two faces of a thin floor lie near each other and are two hollows.
+    fn is_seen_from_the_side_of(&self, other: &Self) -> bool {
+        self.view_direction().dot(&other.view_direction()) > 0.0
+    }
+
+    /// From the camera to the middle of its points.
+    fn view_direction(&self) -> Vector3<f64> {
+        let count = self.points.len().max(1) as f64;
+        let sum: Vector3<f64> = self.points.iter().map(|point| point - self.eye).sum();
+        sum / count
+    }
+
     /// The share of its points that lie near points of another.
     fn common(&self, other: &Self) -> f64 {
         let near = |p: &&Point3<f64>| {
@@ -189,6 +206,7 @@ mod tests {
     use super::*;
     use crate::image::Grid;
     use crate::reconstruct::testing::{camera, evidence};
+    use nalgebra::UnitQuaternion;
     use std::ops::Range;
     use std::slice::from_ref;
 
@@ -251,6 +269,20 @@ mod tests {
         // One that only the second sees stays its own, 20 mm from the other.
         let found = left(views(), [&[wide], &[narrow, 36..SIDE]]);
         assert_eq!(found, [(1, vec![1]), (1, vec![2])]);
+    }
+
+    #[test]
+    fn both_faces_of_a_thin_floor_keep_their_regions() {
+        // The second one sees the floor from below: its readings are 4 mm under those of the first.
+        let mut below = seen_from(1, 0, 0.0);
+        let turned = UnitQuaternion::from_axis_angle(&Vector3::y_axis(), std::f64::consts::PI);
+        below.scene_from_rig = Isometry3::from_parts(Vector3::new(0.0, 0.0, -4e-3).into(), turned);
+        let columns = 0..SIDE;
+        let found = left(
+            [seen_from(0, 0, 0.0), below],
+            [from_ref(&columns), from_ref(&columns)],
+        );
+        assert_eq!(found, [(1, vec![1]), (1, vec![1])]);
     }
 
     #[test]
