@@ -49,8 +49,8 @@ pub enum SimplifyError {
 }
 
 /// Collapses edges of a watertight mesh until `target_vertices` are left, or no edge can collapse without
-/// folding the surface or closing a handle: there may be more than asked for. A mesh that has no more than
-/// that already stays as it is.
+/// folding the surface or closing a handle: there may be more than asked for, also where so few would enclose no
+/// volume. A mesh that has no more than that already stays as it is.
 ///
 /// # Errors
 /// Where the mesh is not watertight.
@@ -59,15 +59,23 @@ pub fn simplify(mesh: &Mesh, target_vertices: usize) -> Result<Simplified, Simpl
     if !report.is_watertight() {
         return Err(SimplifyError::NotWatertight(Box::new(report)));
     }
-    let simplified = collapse(mesh, target_vertices)
-        .map_err(|error| SimplifyError::Library(format!("{error:?}")))?;
-    let after = check(&simplified.mesh);
-    if !after.is_watertight() || after.genus != report.genus {
-        return Err(SimplifyError::Broken {
-            vertices: after.vertices,
-        });
+    let mut target = target_vertices;
+    loop {
+        let simplified =
+            collapse(mesh, target).map_err(|error| SimplifyError::Library(format!("{error:?}")))?;
+        let after = check(&simplified.mesh);
+        if !after.is_watertight() || after.genus != report.genus {
+            return Err(SimplifyError::Broken {
+                vertices: after.vertices,
+            });
+        }
+        // No triangle turns far in one collapse, but many small turns can leave a few triangles inside out.
+        let is_inside_out = report.volume > 0.0 && after.volume <= 0.0;
+        if !is_inside_out || target >= report.vertices {
+            return Ok(simplified);
+        }
+        target = 2 * target.max(after.vertices);
     }
-    Ok(simplified)
 }
 
 fn collapse(mesh: &Mesh, target_vertices: usize) -> Result<Simplified, alum::Error> {
