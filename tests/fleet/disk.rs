@@ -67,13 +67,13 @@ fn full_disks_are_named_and_jobs_wait_for_space_or_go_to_other_workers() {
         let (worker, replay) = (bench.log("full"), bench.log("replay"));
         worker.contains("this worker takes no job") && replay.contains("has less than 200 MB left")
     });
-    assert!(!bench.log("full").contains("started"));
+    assert!(!bench.log("full").contains("its model is being made"));
     out.resize("500m");
     let _worker = bench.worker("w", &[]);
     let output = finished(replay);
     assert!(output.status.success(), "{}", bench.log("replay"));
     assert!(models(&bench.path("out")) == here);
-    assert!(!bench.log("full").contains("started"));
+    assert!(!bench.log("full").contains("its model is being made"));
 }
 
 #[test]

@@ -40,7 +40,7 @@ fn moves_elsewhere(bench: &TestBench, befall: impl FnOnce(), undo: impl FnOnce()
     let local = bench.replay(&recording, "here", &ONE).output().unwrap();
     assert!(local.status.success(), "{}", said(&local));
     let replay = spawned(bench.by_fleet(&recording, "out", &ONE));
-    let started = |log: &str| bench.log(log).contains("started");
+    let started = |log: &str| bench.log(log).contains("its model is being made");
     until("a worker begins", || started("first"));
     befall();
     let since = Instant::now();

@@ -98,7 +98,7 @@ def pressed():
     since = scand.now()
     contains(scand.ask("trigger"), "durable in /var/lib/scand/recordings/")
     # Two webcams that show a test pattern are no rig: the worker says why there is no model.
-    told = until("the worker did it", lambda: re.search(r"capture (\S+) of \S+: sent", scand.said(parts["since"], WORKER)), 900)
+    told = until("the worker did it", lambda: re.search(r"capture (\S+) of \S+: its result was sent", scand.said(parts["since"], WORKER)), 900)
     until("the daemon heard of it", lambda: re.search(rf"capture {re.escape(told[1])}: .*model", scand.said(since)), 300)
     if "ermission" in scand.said(since, RIG) + scand.said(parts["since"], WORKER):
         raise Unexpected("somebody was denied something")
