@@ -50,7 +50,7 @@ pub fn add_free_space(
         return;
     }
     let rims = shrunk(&on_object(regions, depth, bias, parameters));
-    let hollow = hollow::depth_below_rims_in_eight_directions(depth, object, &rims);
+    let hollow = hollow::depth_below_rims(depth, object, &rims, hollow::EIGHT_DIRECTIONS);
     let least = 1e-3 * parameters.least_hollow_mm;
     let not_convex = Grid::from_fn(read.width(), read.height(), |x, y| {
         read[(x, y)] && hollow[(x, y)] > least
@@ -174,8 +174,8 @@ fn append(regions: &mut Regions, labels: &Grid<u16>) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::reconstruct::depth::{Facts, SensorNoise};
-    use crate::reconstruct::region::{Bias, BiasSource, HullRenderings};
+    use crate::reconstruct::region::HullRenderings;
+    use crate::reconstruct::testing::evidence;
 
     const WIDTH: usize = 80;
     const HEIGHT: usize = 60;
@@ -184,8 +184,6 @@ mod tests {
     const EXIT: f32 = 0.95;
     /// Depth of the table behind it.
     const TABLE: f32 = 1.0;
-    /// Standard error of a reading.
-    const SIGMA: f32 = 1e-3;
 
     /// A hull of which every part is seen too edge-on for equation 4, and what was read of each pixel.
     fn seen(
@@ -197,36 +195,12 @@ mod tests {
                 if claims(x, y) { depth } else { f32::INFINITY }
             })
         };
-        let all = |value: f32| Grid::filled(WIDTH, HEIGHT, value);
-        let regions = Regions {
-            front: HullRenderings {
-                depth: hull(FRONT),
-                exit: hull(EXIT),
-                is_front: Grid::filled(WIDTH, HEIGHT, false),
-            },
-            difference: all(f32::NAN),
-            sigma_difference: 0.0,
-            labels: Grid::filled(WIDTH, HEIGHT, 0),
-            count: 0,
-            last_hollow: 0,
-            bias: Bias {
-                metres: 0.0,
-                found: 0.0,
-                remaining: 0.0,
-                source: BiasSource::None,
-            },
-        };
-        let depth = EnhancedDepth {
-            depth: Grid::from_fn(WIDTH, HEIGHT, read),
-            kind: Grid::filled(WIDTH, HEIGHT, DepthKind::Measured),
-            sigma: all(SIGMA),
-            noise: SensorNoise {
-                per_square_depth: 0.0,
-                jitter_px: 0.0,
-                fixed_per_square_depth: 0.0,
-                median_deviation: 0.0,
-            },
-            facts: Facts::default(),
+        let (mut depth, mut regions) = evidence(TABLE, Grid::filled(WIDTH, HEIGHT, 0));
+        depth.depth = Grid::from_fn(WIDTH, HEIGHT, read);
+        regions.front = HullRenderings {
+            depth: hull(FRONT),
+            exit: hull(EXIT),
+            is_front: Grid::filled(WIDTH, HEIGHT, false),
         };
         (regions, depth)
     }

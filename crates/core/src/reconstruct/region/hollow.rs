@@ -7,46 +7,37 @@ use crate::image::{Grid, Mask};
 use crate::reconstruct::depth::{DepthKind, EnhancedDepth};
 use crate::statistics::lower_median;
 
+/// Steps from pixel to pixel along the rows, columns and diagonals of a picture.
+pub(super) const FOUR_DIRECTIONS: &[Step] = EIGHT_DIRECTIONS.split_at(4).0;
+/// The same, and those of a chess knight's moves.
+pub(super) const EIGHT_DIRECTIONS: &[Step] = &[
+    (1, 0),
+    (0, 1),
+    (1, 1),
+    (1, -1),
+    (2, 1),
+    (1, 2),
+    (2, -1),
+    (1, -2),
+];
+
+/// A step in x and y.
+type Step = (isize, isize);
+
 /// For each pixel, in metres, how far it lies behind the convex envelope of the measured depth of the object along
-/// the rows, columns and diagonals through it (the largest of the four). 0 where there is no measured depth, and
-/// where the object does not lie to either side. `on_object` are the readings of the object, of those in its image.
+/// the lines through it that go in `steps` (the largest of them). 0 where there is no measured depth, and where the
+/// object does not lie to either side. `on_object` are the readings of the object, of those in its image.
 pub(super) fn depth_below_rims(
     depth: &EnhancedDepth,
     object: &Mask,
     on_object: &Grid<bool>,
+    steps: &[Step],
 ) -> Grid<f32> {
     let (width, height) = (depth.depth.width(), depth.depth.height());
     let inverse = inverse_depth(depth, object);
     let mut hollow = Grid::filled(width, height, 0f32);
-    raise_along(lines(width, height), &inverse, on_object, &mut hollow);
-    hollow
-}
-
-/// [`depth_below_rims`] along four more directions as well, those of a chess knight's moves.
-pub(super) fn depth_below_rims_in_eight_directions(
-    depth: &EnhancedDepth,
-    object: &Mask,
-    on_object: &Grid<bool>,
-) -> Grid<f32> {
-    let (width, height) = (depth.depth.width(), depth.depth.height());
-    let inverse = inverse_depth(depth, object);
-    let mut hollow = Grid::filled(width, height, 0f32);
-    raise_along(lines(width, height), &inverse, on_object, &mut hollow);
-    let oblique = oblique_lines(width, height);
-    raise_along(oblique, &inverse, on_object, &mut hollow);
-    hollow
-}
-
-/// Raises `hollow` by how far the points of lines lie behind the envelopes of the object's readings on them. `inverse`
-/// is 1 / depth, 0 where there is none.
-fn raise_along<Line: Iterator<Item = (usize, usize)>>(
-    lines: impl Iterator<Item = Line>,
-    inverse: &Grid<f32>,
-    on_object: &Grid<bool>,
-    hollow: &mut Grid<f32>,
-) {
     let mut line = Vec::new();
-    for pixels in lines {
+    for pixels in lines(width, height, steps) {
         line.clear();
         line.extend(pixels.enumerate().filter_map(|(i, pixel)| {
             let value = inverse[pixel];
@@ -56,43 +47,26 @@ fn raise_along<Line: Iterator<Item = (usize, usize)>>(
         if let (Some(first), Some(last)) =
             (line.iter().position(is_rim), line.iter().rposition(is_rim))
         {
-            below_envelope(&line[first..=last], |pixel| on_object[pixel], hollow);
+            below_envelope(&line[first..=last], |pixel| on_object[pixel], &mut hollow);
         }
     }
+    hollow
 }
 
-/// The rows, columns and diagonals of a picture, each as its pixels in order.
+/// The lines of a picture that go in some steps, each as its pixels in order.
 pub(super) fn lines(
     width: usize,
     height: usize,
-) -> impl Iterator<Item = impl Iterator<Item = (usize, usize)> + Clone> {
-    let (w, h) = (width as isize, height as isize);
-    let rows = (0..h).map(move |y| (0, y, 1, 0));
-    let columns = (0..w).map(|x| (x, 0, 0, 1));
-    let falling = (1 - h..w).map(move |d| (d.max(0), (-d).max(0), 1, 1));
-    let rising = (0..w + h - 1).map(move |s| ((s - h + 1).max(0), s.min(h - 1), 1, -1));
-    let starts = rows.chain(columns).chain(falling).chain(rising);
-    starts.map(move |(x, y, dx, dy)| {
-        let steps = (0..).map(move |i| (x + i * dx, y + i * dy));
-        let inside = steps.take_while(move |&(x, y)| x >= 0 && y >= 0 && x < w && y < h);
-        inside.map(|(x, y)| (x as usize, y as usize))
-    })
-}
-
-/// The lines of a picture in the directions of a chess knight's moves, each as its pixels in order.
-fn oblique_lines(
-    width: usize,
-    height: usize,
+    steps: &[Step],
 ) -> impl Iterator<Item = impl Iterator<Item = (usize, usize)>> {
     let (w, h) = (width as isize, height as isize);
     let is_inside = move |x: isize, y: isize| x >= 0 && y >= 0 && x < w && y < h;
-    let moves = [(2, 1), (1, 2), (2, -1), (1, -2)].into_iter();
-    moves.flat_map(move |(dx, dy)| {
+    steps.iter().flat_map(move |&(dx, dy)| {
         let pixels = (0..h).flat_map(move |y| (0..w).map(move |x| (x, y)));
         let starts = pixels.filter(move |&(x, y)| !is_inside(x - dx, y - dy));
         starts.map(move |(x, y)| {
-            let steps = (0..).map(move |i: isize| (x + i * dx, y + i * dy));
-            let inside = steps.take_while(move |&(x, y)| is_inside(x, y));
+            let ray = (0..).map(move |i: isize| (x + i * dx, y + i * dy));
+            let inside = ray.take_while(move |&(x, y)| is_inside(x, y));
             inside.map(|(x, y)| (x as usize, y as usize))
         })
     })
@@ -161,15 +135,15 @@ mod tests {
     use super::*;
 
     #[test]
-    fn oblique_lines_pass_each_pixel_once_in_each_of_four_directions() {
+    fn lines_pass_each_pixel_once_in_each_direction() {
         let (width, height) = (7, 5);
         let mut passed = Grid::filled(width, height, 0);
-        for line in oblique_lines(width, height) {
+        for line in lines(width, height, EIGHT_DIRECTIONS) {
             for pixel in line {
                 passed[pixel] += 1;
             }
         }
-        assert!(passed.pixels().iter().all(|&n| n == 4), "{passed:?}");
+        assert!(passed.pixels().iter().all(|&n| n == 8), "{passed:?}");
     }
 
     #[test]

@@ -186,7 +186,7 @@ pub fn find(
             || {
                 let remaining = regions.bias.remaining;
                 let rims = on_object(&regions, depth, remaining, parameters);
-                hollow::depth_below_rims(depth, object, &rims)
+                hollow::depth_below_rims(depth, object, &rims, hollow::FOUR_DIRECTIONS)
             },
             || behind_the_hull(&regions, depth, parameters),
         );

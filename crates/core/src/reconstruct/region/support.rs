@@ -2,7 +2,7 @@
 //! hollow, too steep to be read; then a reading of that hollow lies at its end. A hole between an object's top and
 //! the table beside it is the object's side, and the depth that was filled in there means nothing.
 
-use super::hollow::lines;
+use super::hollow::{FOUR_DIRECTIONS, lines};
 use crate::image::Grid;
 use crate::reconstruct::depth::{DepthKind, EnhancedDepth};
 
@@ -12,7 +12,7 @@ pub(super) fn by_readings(depth: &EnhancedDepth, hollow: &Grid<f32>, least: f32)
     let mut supported = depth.kind.map(|&k| k == DepthKind::Measured);
     let (width, height) = (supported.width(), supported.height());
     let mut hole = Vec::new();
-    for line in lines(width, height) {
+    for line in lines(width, height, FOUR_DIRECTIONS) {
         // Whether the hole began at a hollow reading.
         let mut begins_hollow = false;
         hole.clear();
