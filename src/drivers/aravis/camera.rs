@@ -255,7 +255,7 @@ impl OpenCamera {
         }
     }
 
-    /// Whether it has stopped answering, or the library's heartbeat found that it obeys us no more.
+    /// Whether it has stopped answering, or the library's heartbeat found that we no longer control it.
     ///
     /// The heartbeat's result is asked for, not awaited as the library's signal `control-lost`: while a signal has a
     /// handler, the heartbeat's thread holds a reference to the device. If that is the last one, the thread closes the
