@@ -659,7 +659,7 @@ mod long {
         let measured = ["--distance", "c00", "c99", "1200mm"];
         let errors = alone.refused(1, &measured);
         assert!(
-            errors.contains("have no camera c99, expected one of c00"),
+            errors.contains("the session has no camera c99, expected one of c00"),
             "{errors}"
         );
         let told = alone.calibrated(&["--set", "calibration.wanted.views=99"]);
