@@ -5,7 +5,7 @@ use super::jobs::{Error, Jobs};
 use super::object_find::of_session;
 use super::object_jobs::ClaimedObjectJob;
 use super::object_protocol::{CapturesFound, ObjectModelRequest, PosesFound};
-use super::outcome;
+use super::outcome::{self, ReportBefore};
 use super::pool::{MAX_STARTS, WorkerPlan};
 use super::protocol::{self, Confinement};
 use super::threads::Workers;
@@ -162,6 +162,8 @@ impl Shared {
             self.failed(taken, &recordings, started_too_often(taken), "");
             return Some(true);
         }
+        let before = self.folder(&taken.job.subject, &recordings);
+        let before = before.map(|f| ReportBefore::of(&f)).unwrap_or_default();
         let ended = self.process(taken, &recordings, false)?;
         let found = CapturesFound::parse(&ended.words);
         if found
@@ -183,10 +185,16 @@ impl Shared {
                 let folder = is_report.then_some(folder.as_path());
                 self.fused(taken, Err(ended.why(&self.plan)), folder);
             }
-            _ => {
-                let words = CapturesFound::others(&ended.words);
-                self.failed(taken, &recordings, ended.why(&self.plan), &words);
-            }
+            (_, folder) => match folder.and_then(|folder| before.model_since(&folder)) {
+                Some(model) => {
+                    let folder = model.folder.clone();
+                    self.fused(taken, Ok(model), Some(&folder));
+                }
+                None => {
+                    let words = CapturesFound::others(&ended.words);
+                    self.failed(taken, &recordings, ended.why(&self.plan), &words);
+                }
+            },
         }
         Some(true)
     }

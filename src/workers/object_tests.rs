@@ -247,6 +247,20 @@ fn a_stop_while_poses_are_found_has_them_found_again() {
 }
 
 #[test]
+fn a_process_that_is_killed_after_its_model_was_put_in_place_has_made_it() {
+    let place = Place::new("found 2; [ \"$register\" ] || { make; kill -KILL $$; }");
+    let jobs = place.jobs();
+    place.captured(&jobs, 1, "17");
+    place.captured(&jobs, 2, "17");
+    let (_workers, heard) = place.start(&jobs);
+    assert_eq!(capture_of(&heard.next()), ("s-0002", true));
+    let ObjectResult::Fused { model, .. } = heard.next() else {
+        panic!("it was registered twice");
+    };
+    assert_eq!(model.expect("its model lies there").verdict, Level::Amber);
+}
+
+#[test]
 fn a_crash_repeats_a_job_but_not_for_ever() {
     let place = Place::new("found 2; [ \"$register\" ] || make");
     // What is told after the daemon ended without a word while it did a job that it had begun so often.

@@ -1,6 +1,6 @@
 //! The outcome of a job: the model that its worker made, or the reason why it made none.
 
-use super::{Parameters, protocol};
+use super::{Parameters, job, protocol};
 use crate::make_model::{Model, ReportFile};
 use std::os::unix::process::ExitStatusExt;
 use std::path::Path;
@@ -8,6 +8,25 @@ use std::process::ExitStatus;
 
 /// Longest reason that is reported, in characters.
 const LONGEST_REASON: usize = 1000;
+
+/// The report that lay in a job's folder before its process began, if any.
+#[derive(Default)]
+pub(super) struct ReportBefore(Option<String>);
+
+impl ReportBefore {
+    /// That of this folder, now.
+    pub(super) fn of(folder: &Path) -> Self {
+        Self(job::identity(&folder.join("report.json")))
+    }
+
+    /// The model that was put into the folder since. A process that is killed may have put its model in place before:
+    /// models appear whole or not at all.
+    pub(super) fn model_since(&self, folder: &Path) -> Option<Model> {
+        let Self(now) = Self::of(folder);
+        let is_new = now.is_some() && now != self.0;
+        is_new.then(|| ReportFile::read(folder).ok()?.model)?
+    }
+}
 
 /// The model in a folder, after a process ended with this status and this output.
 ///

@@ -3,7 +3,7 @@
 use super::find::find;
 use super::handover::{self, Answer};
 use super::jobs::{ClaimedJob, Error, Jobs};
-use super::outcome;
+use super::outcome::{self, ReportBefore};
 use super::threads::Workers;
 use super::{Job, Parameters, protocol};
 use crate::clock::Clock;
@@ -279,6 +279,8 @@ impl Shared {
         path: &Path,
         complete: &Path,
     ) -> Option<(Result<Model, String>, String)> {
+        let target = self.target(complete, &taken.job);
+        let before = ReportBefore::of(&target);
         let child = Child::start(&mut self.command(path, &taken.job));
         let limit = Duration::from_secs(self.plan.parameters.time_limit_s.into());
         let waited = child.and_then(|child| child.wait(limit, self.plan.clock, self.jobs.cancel()));
@@ -292,12 +294,12 @@ impl Shared {
                     "it did not finish within {} s (workers.time_limit_s)",
                     limit.as_secs()
                 );
-                Some((Err(reason), words))
+                Some((before.model_since(&target).ok_or(reason), words))
             }
             Ok((ChildExit::Ended(status), words)) if !self.is_to_be_repeated(status, path) => {
-                let target = self.target(complete, &taken.job);
                 let parameters = &self.plan.parameters;
-                let model = outcome::model(&target, status, &words, parameters);
+                let model = outcome::model(&target, status, &words, parameters)
+                    .or_else(|reason| before.model_since(&target).ok_or(reason));
                 Some((model, words))
             }
             Ok(_) => {

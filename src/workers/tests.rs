@@ -233,6 +233,24 @@ fn one_that_crashes_fails_alone_with_a_report_and_its_words() {
 }
 
 #[test]
+fn one_that_is_killed_after_its_model_was_put_in_place_has_made_it() {
+    let place = Place::new("make\nkill -KILL $$");
+    let jobs = place.jobs();
+    place.offer(&jobs, 1..=1);
+    let (_workers, heard) = place.start(&jobs, |_| ());
+    let made = heard.next().model.expect("its model lies there");
+    assert_eq!(made.verdict, Level::Amber);
+    assert_eq!(place.report("s-1")["outcome"], "done");
+    // A model that lay there before is none that this process made.
+    place.change("kill -KILL $$");
+    until("not finished", || jobs.backlog().done == 1);
+    place.offer(&jobs, 1..=1);
+    let killed = heard.next().model.unwrap_err();
+    assert_eq!(killed, "the worker was killed by signal 9");
+    assert_eq!(place.report("s-1")["outcome"], "done");
+}
+
+#[test]
 fn one_that_hangs_is_killed_when_its_time_is_over() {
     let place = Place::new("[ $capture = s-1 ] && exec sleep 1000\nmake");
     let jobs = place.jobs();
