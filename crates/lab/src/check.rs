@@ -6,12 +6,18 @@ use super::{Error, Options, Rig, invalid, within_range};
 /// Refuses numbers that make no session.
 pub(super) fn check(options: &Options) -> Result<(), Error> {
     let (color, depth) = (&options.color, &options.depth);
+    // The second depth camera looks at 35 degrees more, and none may look up.
+    let most_slant = if options.depth_cameras > 1 {
+        50.0
+    } else {
+        85.0
+    };
     let within = [
         ("spacing", options.spacing_mm, [0.1, 50.0], " mm"),
         (
             "depth slant",
             options.depth_slant_deg,
-            [0.0, 50.0],
+            [0.0, most_slant],
             " degrees",
         ),
         ("depth distance", options.depth_distance, [0.4, 3.0], " m"),
@@ -52,7 +58,14 @@ pub(super) fn check(options: &Options) -> Result<(), Error> {
     for (what, found, range, unit) in within {
         within_range(what, found, range, unit)?;
     }
-    Ok(())
+    match options.low_cameras {
+        Some(low) if low > options.cameras => Err(invalid(
+            "low cameras",
+            low,
+            format!("at most {}, the number of colour cameras", options.cameras),
+        )),
+        _ => Ok(()),
+    }
 }
 
 /// Refuses a session that no model can be made of.

@@ -57,12 +57,12 @@ impl Material {
             (Shape::FruitBowl, 1) => [0.68, 0.28, 0.04],
             (Shape::FruitBowl, 2) => [0.30, 0.42, 0.06],
             (Shape::FruitBowl, _) => [0.48, 0.06, 0.04],
-            (Shape::Cup | Shape::Goblet | Shape::Plate, _) => [0.72, 0.70, 0.66],
+            (Shape::Cup | Shape::Goblet | Shape::Plate | Shape::Tray, _) => [0.72, 0.70, 0.66],
             (Shape::Bowl | Shape::Vase, _) => [0.58, 0.40, 0.26],
             (Shape::Mug, _) => [0.52, 0.10, 0.07],
             (Shape::Egg, _) => [0.66, 0.48, 0.34],
             (Shape::Torus | Shape::Ball, _) => [0.60, 0.34, 0.08],
-            (Shape::Box | Shape::TwoPits | Shape::Prism, _) => [0.46, 0.33, 0.19],
+            (Shape::Box | Shape::TwoPits | Shape::Prism | Shape::Steps, _) => [0.46, 0.33, 0.19],
             (Shape::Ashtray | Shape::Relief, _) => [0.38, 0.42, 0.34],
         }
     }

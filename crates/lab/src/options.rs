@@ -15,14 +15,18 @@ pub struct Options {
     pub seed: u64,
     /// Colour cameras, 2 to 99; one is enough where a board is shown. Default 11.
     pub cameras: usize,
+    /// How many of them stand in the low ring, 14 degrees above the table; the others look down from 46 degrees. By
+    /// default 7 of 11, rounded up.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub low_cameras: Option<usize>,
     /// Width of their pictures in pixels; the field of view stays. Default 2560.
     pub width: usize,
     /// Height of their pictures in pixels. Default 1920.
     pub height: usize,
     /// Depth cameras. Default 1.
     pub depth_cameras: usize,
-    /// Angle in degrees between the first depth camera's view and straight down; the others look at 35
-    /// degrees more. Default 4.
+    /// Angle in degrees between the first depth camera's view and straight down, at most 85; the others look at 35
+    /// degrees more, so that it is at most 50 where there are others. Default 4.
     pub depth_slant_deg: f64,
     /// Metres from a depth camera to the object. Default 0.8.
     pub depth_distance: f64,
@@ -53,6 +57,7 @@ impl Default for Options {
             spacing_mm: 2.0,
             seed: 1,
             cameras: 11,
+            low_cameras: None,
             width: 2560,
             height: 1920,
             depth_cameras: 1,

@@ -125,7 +125,8 @@ impl Bounds {
     }
 }
 
-/// Eleven cameras are seven in a low ring and four in a high one; none looks up.
+/// Of eleven cameras seven are in a low ring and four in a high one, unless the options say how many are in the low one;
+/// none looks up.
 fn color_station(
     options: &Options,
     bounds: &Bounds,
@@ -133,7 +134,8 @@ fn color_station(
 ) -> Result<SimulatedColorCamera, Error> {
     let id = CameraId::new(&format!("c{k:02}"))?;
     let mut random = Random::new(&[options.seed, 1, k as u64]);
-    let low = (options.cameras * 7).div_ceil(11);
+    let usual = (options.cameras * 7).div_ceil(11);
+    let low = options.low_cameras.unwrap_or(usual).min(options.cameras);
     let (ring, of, elevation) = match k < low {
         true => (k as f64, low as f64, 0.245),
         false => ((k - low) as f64 + 0.5, (options.cameras - low) as f64, 0.80),
@@ -314,6 +316,28 @@ mod tests {
                 inside(0) && inside(1) && inside(2)
             }));
         }
+    }
+
+    #[test]
+    fn a_rig_without_low_cameras_looks_down_from_all_around() {
+        let object = Shape::Tray.mesh(0.004);
+        let steepness = |low_cameras| {
+            let options = Options {
+                shape: Shape::Tray,
+                cameras: 8,
+                low_cameras,
+                ..Options::default()
+            };
+            let rig = Rig::new(&options, &object).unwrap();
+            let downwards = |s: &SimulatedColorCamera| -(s.actual.rig_from_camera * Vector3::z()).z;
+            rig.colors.iter().map(downwards).collect::<Vec<f64>>()
+        };
+        let is_high = |d: &&f64| **d > 0.6;
+        let usual = steepness(None);
+        assert_eq!(usual.iter().filter(is_high).count(), 2, "{usual:?}");
+        let high = steepness(Some(0));
+        assert_eq!(high.iter().filter(is_high).count(), 8, "{high:?}");
+        assert_eq!(steepness(Some(6)), usual);
     }
 
     #[test]

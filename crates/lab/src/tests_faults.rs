@@ -124,6 +124,16 @@ fn options_that_cannot_be_met_are_refused_by_name() {
     assert!(refused(&|o| o.cameras = 1000).contains("1000"));
     assert!(refused(&|o| o.cameras = 1).contains("cameras is 1, expected 2 to 99"));
     assert!(refused(&|o| o.captures = 0).contains("captures is 0, expected at least 1"));
+    let message = refused(&|o| (o.cameras, o.low_cameras) = (8, Some(9)));
+    assert!(
+        message.contains("low cameras is 9, expected at most 8"),
+        "{message}"
+    );
+    for (cameras, slant, expected) in [(1, 90.0, "0 to 85"), (2, 65.0, "0 to 50")] {
+        let message = refused(&|o| (o.depth_cameras, o.depth_slant_deg) = (cameras, slant));
+        assert!(message.contains("depth slant"), "{message}");
+        assert!(message.contains(expected), "{message}");
+    }
     for quality in [0, 101] {
         let message = refused(&|o| o.color.jpeg_quality = quality);
         assert!(message.contains("JPEG quality is"), "{message}");

@@ -82,6 +82,9 @@ struct ColorArgs {
     /// Number of colour cameras, 2 to 99, or 1 for a calibration session.
     #[arg(long)]
     cameras: Option<usize>,
+    /// How many of them stand in the low ring, by default 7 of 11; the others look down from 46 degrees.
+    #[arg(long, value_name = "N")]
+    low_cameras: Option<usize>,
     /// Size of their pictures; the field of view stays the same.
     #[arg(long, value_name = "WxH", value_parser = parse_size)]
     size: Option<(usize, usize)>,
@@ -120,7 +123,8 @@ struct DepthArgs {
     /// Number of depth cameras.
     #[arg(long)]
     depth_cameras: Option<usize>,
-    /// Angle between the first depth camera's view and straight down.
+    /// Angle between the first depth camera's view and straight down: 0 to 85, or to 50 with several depth cameras, of
+    /// which the others look at 35 degrees more.
     #[arg(long, value_name = "DEGREES")]
     depth_slant_deg: Option<f64>,
     /// Distance from a depth camera to the object.
@@ -312,6 +316,7 @@ fn options(args: Args) -> (Options, board::BoardArgs) {
 
 fn take_color(options: &mut Options, args: ColorArgs) {
     take(&mut options.cameras, args.cameras);
+    options.low_cameras = args.low_cameras.or(options.low_cameras);
     if let Some((width, height)) = args.size {
         (options.width, options.height) = (width, height);
     }

@@ -116,6 +116,27 @@ pub(super) fn two_pits() -> Body {
     }
 }
 
+/// Three steps that go down towards larger x.
+pub(super) fn steps() -> Body {
+    const TREAD: f64 = 0.030;
+    const RISER: f64 = 0.022;
+    const HALF_WIDTH: f64 = 0.040;
+    // A block of so many treads ends below the tread that is farthest out of them.
+    let block = |p: Point3<f64>, treads: f64| {
+        let half = Vector3::new(
+            0.5 * treads * TREAD,
+            HALF_WIDTH,
+            0.5 * (4.0 - treads) * RISER,
+        );
+        let middle = Vector3::new(half.x - 1.5 * TREAD, 0.0, half.z);
+        rounded_box(p - middle, half, 0.001)
+    };
+    Body::new(
+        move |p| block(p, 1.0).min(block(p, 2.0)).min(block(p, 3.0)),
+        [[-0.046, -0.041, 0.0], [0.046, 0.041, 0.067]],
+    )
+}
+
 /// Height and distance of the relief's ribs.
 const RIBS: [f64; 2] = [0.0008, 0.003];
 

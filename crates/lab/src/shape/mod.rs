@@ -49,11 +49,16 @@ pub enum Shape {
     /// A column with ribs 0.8 mm high, 3 mm apart: rings below, which stand in profile, and upright ones above, which
     /// do not.
     Relief,
+    /// A round tray of 170 mm on a stem with a broad foot, beyond both of which it stands out: cameras that look down see
+    /// the tray alone, and low ones see the table below it.
+    Tray,
+    /// Three steps of 22 mm, each 30 mm deep, with a concave corner at the back of each tread.
+    Steps,
 }
 
 impl Shape {
     /// All of them.
-    pub const ALL: [Self; 15] = [
+    pub const ALL: [Self; 17] = [
         Self::Cup,
         Self::Bowl,
         Self::FruitBowl,
@@ -69,6 +74,8 @@ impl Shape {
         Self::TwoPits,
         Self::Prism,
         Self::Relief,
+        Self::Tray,
+        Self::Steps,
     ];
 
     /// The object's surface, in metres, of triangles with edges of about `spacing` metres.
@@ -123,6 +130,7 @@ impl Shape {
             Self::Torus => Turned(profiles::torus()),
             Self::Egg => Turned(profiles::egg()),
             Self::Ball => Turned(profiles::ball()),
+            Self::Tray => Turned(profiles::tray()),
             Self::Box => Edged(|spacing| blocks::turned_box([0.080, 0.055, 0.040], 20.0, spacing)),
             Self::Prism => Edged(prism::prism),
             Self::FruitBowl => Solid(bodies::fruit_bowl()),
@@ -130,6 +138,7 @@ impl Shape {
             Self::Ashtray => Solid(bodies::ashtray()),
             Self::TwoPits => Solid(bodies::two_pits()),
             Self::Relief => Solid(bodies::relief()),
+            Self::Steps => Solid(bodies::steps()),
         }
     }
 
@@ -250,6 +259,7 @@ mod tests {
             (Shape::Box, 0.08 * 0.055 * 0.04),
             (Shape::Cup, profiles::cup().volume()),
             (Shape::Vase, profiles::vase().volume()),
+            (Shape::Tray, profiles::tray().volume()),
         ];
         for (shape, expected) in cases {
             assert_volume(&shape.mesh(0.001), shape, expected, 0.002);
@@ -265,6 +275,7 @@ mod tests {
             (Shape::Ashtray, bodies::ashtray()),
             (Shape::TwoPits, bodies::two_pits()),
             (Shape::Relief, bodies::relief()),
+            (Shape::Steps, bodies::steps()),
         ] {
             let [min, max] = body.bounds.map(Point3::from);
             let points = 200_000;

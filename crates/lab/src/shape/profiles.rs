@@ -225,6 +225,21 @@ pub(super) fn plate() -> Profile {
     vessel(&smooth(&outside), 0.004, 0.0045)
 }
 
+/// A flat tray, 85 mm in radius, whose underside is 92 mm above the table.
+pub(super) fn tray() -> Profile {
+    let foot_and_stem = [
+        [0.0, 0.0],
+        [0.055, 0.0],
+        [0.055, 0.005],
+        [0.014, 0.012],
+        [0.014, 0.092],
+    ];
+    let mut points = foot_and_stem.to_vec();
+    points.extend(arc([0.081, 0.096], 0.004, -FRAC_PI_2, FRAC_PI_2));
+    points.push([0.0, 0.100]);
+    Profile::open(points)
+}
+
 pub(super) fn torus() -> Profile {
     let mut points = arc([0.045, 0.016], 0.016, -FRAC_PI_2, 1.5 * PI);
     points.pop();

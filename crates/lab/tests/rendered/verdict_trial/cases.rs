@@ -7,6 +7,9 @@ use scand_lab::{CameraFault, CaptureFault, Options, Shape, Simulation};
 /// Width and height of the colour cameras' pictures.
 const SIZE: (usize, usize) = (960, 720);
 
+/// So many shapes are tried, the first of all: those that the limits were set on, and that the results are of.
+const SHAPES: usize = 15;
+
 /// One capture.
 pub(super) struct Case {
     /// What is simulated.
@@ -64,7 +67,7 @@ const ROUNDS: [Round; 14] = [
 impl Case {
     /// Capture `number`: all shapes of the first round come first.
     pub(super) fn new(number: usize) -> Self {
-        let (round, shape) = (number / Shape::ALL.len(), number % Shape::ALL.len());
+        let (round, shape) = (number / SHAPES, number % SHAPES);
         let mut case = Self {
             options: Options {
                 shape: Shape::ALL[shape],
