@@ -10,6 +10,7 @@ mod desk;
 mod disasters;
 mod evaluate;
 mod export;
+mod free_space;
 mod fusion_trial;
 mod fuzzing;
 mod gltf_validator;
