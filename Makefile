@@ -6,7 +6,7 @@ RECORDING ?= recordings/cup.mcap
 # The test programs that differ with the features of the rig; `make check` runs the others.
 RIG_TESTS = $(addprefix --test ,digests fleet gige openni2 rig service workers)
 
-.PHONY: help demo rig-demo ui page-demo page-test page-bench page-load fleet-test fleet-bench fleet-presses fuse-times fleet-simulation fleet-demo deps check test calibration-trial calibration-against-opencv error-trial verdict-trial fusion-trial bench deb deb-test rig-vm torture interop kinect-driver
+.PHONY: help demo rig-demo ui page-demo page-test page-bench page-load fleet-test fleet-bench fleet-presses fuse-times fleet-simulation fleet-demo deps check test calibration-trial calibration-against-opencv error-trial surface-trial verdict-trial fusion-trial bench deb deb-test rig-vm torture interop kinect-driver
 
 help: ## list the targets
 	@sed -n 's/^\([a-z-]*\):.*## /\1\t/p' $(MAKEFILE_LIST) | expand -t 16
@@ -82,6 +82,9 @@ calibration-against-opencv: ## calibrate the same pictures with scand and OpenCV
 
 error-trial: ## compare the errors that models state with the truth, over shapes, rigs and N seeds (3)
 	$(CARGO) test --release --locked --package scand-lab --test rendered error_trial -- --include-ignored --nocapture --test-threads 1
+
+surface-trial: ## hold an egg and a prism to what is promised of them, and every shape and method to itself without fairing, over N seeds (3)
+	$(CARGO) test --release --locked --package scand-lab --test rendered surface_trial -- --include-ignored --nocapture --test-threads 1
 
 verdict-trial: ## compare the verdicts on N simulated captures (200), with faults and without, with the truth, and print a table
 	N=$(or $(N),200) $(CARGO) test --release --locked --package scand-lab --test rendered verdict_trial::verdict_trial -- --ignored --nocapture
