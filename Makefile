@@ -83,7 +83,7 @@ calibration-against-opencv: ## calibrate the same pictures with scand and OpenCV
 error-trial: ## compare the errors that models state with the truth, over shapes, rigs and N seeds (3)
 	$(CARGO) test --release --locked --package scand-lab --test rendered error_trial -- --include-ignored --nocapture --test-threads 1
 
-surface-trial: ## hold an egg and a prism to what is promised of them, and every shape and method to itself without fairing, over N seeds (3)
+surface-trial: ## hold an egg, a ball and a prism to what is promised of them, and every shape and method to itself without fairing, over N seeds (3)
 	$(CARGO) test --release --locked --package scand-lab --test rendered surface_trial -- --include-ignored --nocapture --test-threads 1
 
 verdict-trial: ## compare the verdicts on N simulated captures (200), with faults and without, with the truth, and print a table

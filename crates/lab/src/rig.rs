@@ -125,8 +125,8 @@ impl Bounds {
     }
 }
 
-/// Of eleven cameras seven are in a low ring and four in a high one, unless the options say how many are in the low one;
-/// none looks up.
+/// Of eleven cameras seven are in a low ring and four in a high one, unless the options say how many are in the low
+/// one; none looks up.
 fn color_station(
     options: &Options,
     bounds: &Bounds,

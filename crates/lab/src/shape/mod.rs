@@ -49,8 +49,8 @@ pub enum Shape {
     /// A column with ribs 0.8 mm high, 3 mm apart: rings below, which stand in profile, and upright ones above, which
     /// do not.
     Relief,
-    /// A round tray of 170 mm on a stem with a broad foot, beyond both of which it stands out: cameras that look down see
-    /// the tray alone, and low ones see the table below it.
+    /// A round tray of 170 mm on a stem with a broad foot, beyond both of which it stands out: cameras that look down
+    /// see little but the tray, and low ones see the table below it.
     Tray,
     /// Three steps of 22 mm, each 30 mm deep, with a concave corner at the back of each tread.
     Steps,
