@@ -11,6 +11,7 @@ mod gaps;
 mod given;
 mod many_views;
 mod negatives;
+mod outputs;
 mod poses;
 mod rings;
 mod score;
@@ -134,6 +135,18 @@ fn fuse(options: Options) -> Fused {
 }
 
 impl Fused {
+    /// A report of a mug, made up.
+    fn told(report: Value) -> Self {
+        Self {
+            simulation: Arc::new(Simulation::new(Options::small(Shape::Mug)).unwrap()),
+            code: Some(0),
+            report: Some(report),
+            words: String::new(),
+            has_model: false,
+            model: None,
+        }
+    }
+
     /// How good the model is, if there is one.
     fn scores(&self) -> Option<Scores> {
         let model = self.model.as_ref();
@@ -184,18 +197,4 @@ fn ten_shapes_in_random_poses() {
     let wrong = wrong.concat();
     println!("not as they must be: {wrong:?}");
     assert!(wrong.is_empty(), "{wrong:?}");
-}
-
-impl Fused {
-    /// A report of a mug, made up.
-    fn told(report: Value) -> Self {
-        Self {
-            simulation: Arc::new(Simulation::new(Options::small(Shape::Mug)).unwrap()),
-            code: Some(0),
-            report: Some(report),
-            words: String::new(),
-            has_model: false,
-            model: None,
-        }
-    }
 }

@@ -769,4 +769,21 @@ mod tests {
             assert!(is_said, "{parts:?} is explained, and never said");
         }
     }
+
+    #[test]
+    fn the_schema_of_the_report_knows_each_evidence_and_refusal_and_no_other() {
+        let schema = include_str!("../../../../../docs/report.schema.json");
+        let schema: serde_json::Value = serde_json::from_str(schema).unwrap();
+        let known = |member: &str| {
+            let member = &schema["$defs"]["fused_capture"]["properties"][member];
+            member["enum"].clone()
+        };
+        let mut evidence = vec![Some(PoseEvidence::Frame)];
+        evidence.extend(POSES.map(Some));
+        evidence.push(None);
+        assert_eq!(known("held_by"), serde_json::json!(evidence));
+        let mut refusals = REFUSALS.map(Some).to_vec();
+        refusals.push(None);
+        assert_eq!(known("refused"), serde_json::json!(refusals));
+    }
 }
