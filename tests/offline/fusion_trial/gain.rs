@@ -92,8 +92,8 @@ pub(super) fn with_true_poses(recorded: &Recorded) -> Fused {
     recorded.fuse("given", SUBJECT, &wanted)
 }
 
-/// A row for each number of captures, at 1280x960. With four, the painted cup's F-score at 1 mm is to be 0.97: that is a
-/// goal and no limit. What is not as it must be.
+/// A row for each number of captures, at 1280x960. With four, the painted cup's F-score at 1 mm is to be 0.97: that is
+/// a goal and no limit. What is not as it must be.
 pub(super) fn trial() -> Vec<String> {
     let mut wrong = Vec::new();
     for (shape, has_pattern) in [(Shape::Cup, true), (Shape::Mug, false)] {

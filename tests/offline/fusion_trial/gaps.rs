@@ -1,5 +1,5 @@
-//! Between the values of right pairs of captures and those of wrong ones lies each limit of `register`. The trial prints
-//! the ends of these gaps, apart for the shapes that the limits were set on and for the others.
+//! Between the values of right pairs of captures and those of wrong ones lies each limit of `register`. The trial
+//! prints the ends of these gaps, apart for the shapes that the limits were set on and for the others.
 
 use super::Fused;
 use scand_lab::Shape;

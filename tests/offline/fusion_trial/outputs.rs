@@ -1,5 +1,5 @@
-//! What lies in an object's folder: a report as the published schema has it, a preview with the underside and a column a
-//! capture, and models that say which captures made them.
+//! What lies in an object's folder: a report as the published schema has it, a preview with the underside and a column
+//! a capture, and models that say which captures made them.
 
 use crate::desk::{Desk, said};
 use serde_json::Value;

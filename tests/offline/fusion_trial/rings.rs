@@ -24,8 +24,8 @@ fn error_of(fused: &Fused, has_pattern: bool) -> Option<PoseError> {
     Some(error(simulation.truth(), has_pattern, &truth, &found))
 }
 
-/// What is wrong with what is said of a pot whose turn nothing tells: where there is a model, its turn is not claimed, and
-/// its form is right.
+/// What is wrong with what is said of a pot whose turn nothing tells: where there is a model, its turn is not claimed,
+/// and its form is right.
 fn problems_of_pot(fused: &Fused, limit_mm: f64) -> Vec<String> {
     if !fused.has_model {
         let second = fused.captures().get(1).copied();

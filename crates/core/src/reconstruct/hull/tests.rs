@@ -118,8 +118,8 @@ fn a_cube_of_space_is_never_called_inside_or_outside_wrongly() {
     }
 }
 
-/// How many cubes of 4000, anywhere around a ball, are called inside or outside; each is held against points in it. What
-/// is undecided of a cube must also be enough to tell the value of a point in it.
+/// How many cubes of 4000, anywhere around a ball, are called inside or outside; each is held against points in it.
+/// What is undecided of a cube must also be enough to tell the value of a point in it.
 fn decided_cubes(cameras: &[Camera]) -> usize {
     let levels: Vec<_> = cameras.iter().map(|c| ball_silhouette(c, 0.05)).collect();
     let cones = cameras
