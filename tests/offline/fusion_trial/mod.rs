@@ -187,6 +187,7 @@ fn ten_shapes_in_random_poses() {
     let mut gaps = Gaps::default();
     let wrong = [
         poses::trial(count, &mut gaps),
+        poses::large_trial(),
         poses::hollow_trial(),
         negatives::trial(&mut gaps),
         rings::trial(),

@@ -159,6 +159,18 @@ mod long {
         assert!(wrong.is_empty(), "{wrong:?}");
     }
 
+    #[test]
+    fn a_capture_with_a_prop_is_left_out_by_name_and_the_others_are_fused() {
+        let words = "upright,turn:75,flip";
+        let fused = fuse(with(TABLE[5], session(Shape::Mug, false, 640, words, 5)));
+        assert_eq!(fused.code, Some(3), "{}", fused.words);
+        assert!(fused.has_model, "{}", fused.words);
+        let captures = fused.captures();
+        let are_fused: Vec<bool> = captures.iter().map(|c| c["is_fused"] == true).collect();
+        assert_eq!(are_fused, [true, false, true], "{}", fused.words);
+        assert!(fused.words.contains("mug-001: "), "{}", fused.words);
+    }
+
     /// Copies and changes that are large enough for small pictures.
     #[test]
     fn copies_of_another_size_and_broken_ones_are_not_fused() {

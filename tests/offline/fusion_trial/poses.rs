@@ -197,6 +197,29 @@ pub(super) fn trial(count: u64, gaps: &mut Gaps) -> Vec<String> {
     wrong
 }
 
+/// A shape that form holds and one that colours hold, at 5 megapixels. What is not as it must be.
+pub(super) fn large_trial() -> Vec<String> {
+    let mut wrong = Vec::new();
+    for object in [plain(Shape::Mug), painted(Shape::Cup)] {
+        let name = format!("{:?} at 5 megapixels", object.shape);
+        if !is_wanted(&name) {
+            continue;
+        }
+        let words = "upright,any";
+        let fused = fuse(session(object.shape, object.has_pattern, 2560, words, 3000));
+        let said = said(&fused, object.has_pattern);
+        println!("{}", line(&name, &said));
+        let is_refused = said.level == "refused";
+        if is_refused {
+            println!("{:28} {}", "", fused.last_words());
+        }
+        if is_refused || said.is_confidently_wrong() || said.spoils_the_form(FORM_LIMIT_MM) {
+            wrong.push(name);
+        }
+    }
+    wrong
+}
+
 /// Bowls with fruit, whose outside shows no turn, in four captures each, at 1280x960. What is not as it must be.
 pub(super) fn hollow_trial() -> Vec<String> {
     let mut wrong = Vec::new();
