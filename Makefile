@@ -48,9 +48,9 @@ fleet-presses: ## time from a press to the disk with the server there, away and 
 	$(if $(SCAND),,$(CARGO) build --release --locked --features aravis,fleet)
 	scripts/fleet-presses.py --presses $(or $(PRESSES),200) --scand $(or $(SCAND),target/release/scand)
 
-fuse-times: ## time until the daemon has registered and fused two and four captures of an object, and how much later models are (ROUNDS=5; SCAND=PROGRAM needs no build)
+fuse-times: ## time until the daemon has registered and fused two and four captures of an object, how much later models are, and the memory of four at 5 megapixels (ROUNDS=5; ONLY=rounds or large; SCAND=PROGRAM needs no build)
 	$(if $(SCAND),,$(CARGO) build --release --locked --features rig)
-	scripts/fuse-times.py --rounds $(or $(ROUNDS),5) --scand $(or $(SCAND),target/release/scand)
+	scripts/fuse-times.py --rounds $(or $(ROUNDS),5) $(if $(ONLY),--only $(ONLY)) --scand $(or $(SCAND),target/release/scand)
 
 fleet-simulation: ## how many jobs a second one server passes on, without making models
 	$(CARGO) test --locked --package scand --features fleet --test fleet -- simulation:: --ignored --nocapture
@@ -89,7 +89,7 @@ surface-trial: ## hold an egg, a ball and a prism to what is promised of them, a
 verdict-trial: ## compare the verdicts on N simulated captures (200), with faults and without, with the truth, and print a table
 	N=$(or $(N),200) $(CARGO) test --release --locked --package scand-lab --test rendered verdict_trial::verdict_trial -- --ignored --nocapture
 
-fusion-trial: ## fuse rendered sessions of ten shapes in N random poses each (10), bowls with fruit, and what must not be fused; print a table, or the rows with the word ONLY in their name
+fusion-trial: ## fuse rendered sessions of ten shapes in N random poses each (10), bowls with fruit, pots with rings, other calibrations and what must not be fused, and show what each capture adds; print a table, or the rows with the word ONLY in their name
 	N=$(or $(N),10) $(CARGO) test --release --locked --test offline fusion_trial::ten_shapes -- --ignored --nocapture --test-threads 1
 
 bench: ## time each stage and a whole replay (SCAND_BENCH_RECORDING names another recording)

@@ -100,6 +100,23 @@ fn a_model_that_another_process_puts_into_place_meanwhile_stays() {
     assert_eq!(std::fs::read_dir(home.path()).unwrap().count(), 1);
 }
 
+/// Fuses the three captures, of which the object did not move; the model has the frame of capture `upright`.
+fn fuse(recording: &Path, out: &Path, poses: &Path, upright: &str) -> Command {
+    let mut command = scand();
+    command.arg("fuse").arg(recording);
+    for capture in 0..3 {
+        command.args(["--capture", &format!("cup-{capture:03}")]);
+    }
+    command
+        .args([Path::new("--poses"), poses, Path::new("--out"), out])
+        .args(["--upright", upright, "--force", "--quiet"])
+        .args(["--set", "hull.resolution=30"])
+        .args(["--set", "sync.min_depth_frames=1"])
+        .stdout(Stdio::null())
+        .stderr(Stdio::piped());
+    command
+}
+
 /// The files of each capture below `out`, by their names, a report without what may differ between two runs; only those
 /// under final names.
 fn captures(out: &Path) -> BTreeMap<PathBuf, BTreeMap<String, Vec<u8>>> {
@@ -376,6 +393,64 @@ mod long {
         );
         println!(
             "shown: {kills} kills of a replay: whole models or none, the next run makes the same bytes"
+        );
+    }
+
+    #[test]
+    fn a_fusion_that_is_killed_leaves_a_whole_model_or_none_and_the_next_one_makes_it() {
+        let recording = small();
+        let home = tempfile::tempdir().unwrap();
+        let poses = home.path().join("poses.json");
+        let still = "[[1,0,0,0],[0,1,0,0],[0,0,1,0],[0,0,0,1]]";
+        std::fs::write(
+            &poses,
+            format!("{{\"rig_from_object\":[{still},{still},{still}]}}"),
+        )
+        .unwrap();
+        let mut takes = std::time::Duration::ZERO;
+        let [old, new] = ["cup-000", "cup-001"].map(|upright| {
+            let (begin, out) = (Instant::now(), home.path().join(upright));
+            let made = fuse(&recording, &out, &poses, upright).output().unwrap();
+            let said = String::from_utf8_lossy(&made.stderr);
+            assert!(made.status.success(), "{said}");
+            takes = begin.elapsed();
+            captures(&out)
+        });
+        assert!(old.len() == 1 && new.len() == 1 && old != new);
+        let files = left(&home.path().join("cup-000")).len();
+        let (kills, mut dice) = (times(6, 40), Dice(22));
+        let mut of_each = BTreeMap::<&str, u64>::new();
+        let out = home.path().join("out");
+        for kill in 0..kills {
+            // Every other time a model lies there, and another one is to take its place.
+            let is_replaced = kill % 2 == 1;
+            let upright = if is_replaced { "cup-001" } else { "cup-000" };
+            let mut process = fuse(&recording, &out, &poses, upright).spawn().unwrap();
+            std::thread::sleep(takes.mul_f64(dice.below(1000) as f64 / 900.0));
+            process.kill().unwrap();
+            process.wait().unwrap();
+            let found = captures(&out);
+            let state = match &found {
+                found if *found == old => "old",
+                found if *found == new => "new",
+                found if found.is_empty() && !is_replaced => "none",
+                found => panic!("{:?}", found.keys()),
+            };
+            *of_each.entry(state).or_default() += 1;
+            let again = fuse(&recording, &out, &poses, "cup-000").output().unwrap();
+            assert!(again.status.success(), "{again:?}");
+            assert!(captures(&out) == old);
+            assert_eq!(left(&out).len(), files, "{:?}", left(&out));
+            if is_replaced {
+                std::fs::remove_dir_all(&out).unwrap();
+            }
+        }
+        assert!(
+            kills < 20 || of_each.len() > 2,
+            "all kills came at one place: {of_each:?}"
+        );
+        println!(
+            "shown: {kills} kills of a fusion: a whole model or none, the next run makes the same bytes"
         );
     }
 }

@@ -79,8 +79,13 @@ fn the_khronos_validator_finds_nothing() {
         }),
         ..tetrahedron()
     };
+    let of_several = Model {
+        captures: vec![1, 2, 3, 0xff_ffff],
+        ..painted()
+    };
     let models = [
         ("painted", painted()),
+        ("of-several", of_several),
         ("unlit", painted()),
         ("plain", tetrahedron()),
         ("broken-normals", broken_normals),

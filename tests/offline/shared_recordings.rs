@@ -10,7 +10,7 @@ use scand::sync;
 use serde_json::{Value, json};
 use std::path::PathBuf;
 
-fn shared(name: &str) -> Option<PathBuf> {
+pub fn shared(name: &str) -> Option<PathBuf> {
     let folder = std::env::var_os("SCAND_SHARED_RECORDINGS").map_or_else(
         || PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../shared/recordings"),
         PathBuf::from,

@@ -19,6 +19,7 @@ promises() {
 		kill|a killed daemon loses nothing that a client was told|lib|daemon::disaster_tests::kills daemon::service_tests::a_kill_between
 		kill|a killed rig of twelve cameras loses no durable capture|rig|what_was_acknowledged_survives
 		kill|a killed replay leaves whole models or none|offline|disasters::long::a_replay_that_is_killed
+		kill|a killed fusion leaves a whole model or none|offline|disasters::long::a_fusion_that_is_killed
 		kill|killed workers, or their daemon, lose no job|workers|a_killed_daemon a_killed_worker
 		kill|recovery is fast|offline|disasters::a_recording_that_was_cut_off
 		disk|a call that the disk refuses is never acknowledged falsely|lib|daemon::disaster_tests::a_disk

@@ -1,26 +1,47 @@
 //! The objects' materials: linear reflectance at each point. Nothing is as blue as the backdrop.
 
-use super::Shape;
 use super::noise::field;
+use super::{Options, Shape};
 use nalgebra::{Isometry3, Point3, Vector3};
+
+/// What is painted on an object.
+#[derive(Clone, Copy, Debug)]
+pub(super) enum Paint {
+    /// Nothing: each part has one colour.
+    Plain,
+    /// A pattern of patches and speckles.
+    Patches,
+    /// Rings about the axis of the shape as it was made.
+    Rings,
+}
+
+impl Paint {
+    pub(super) fn of(options: &Options) -> Self {
+        match options {
+            Options { rings: true, .. } => Self::Rings,
+            Options { textured: true, .. } => Self::Patches,
+            _ => Self::Plain,
+        }
+    }
+}
 
 /// The object's reflectance.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Material {
     shape: Shape,
     seed: u64,
-    is_textured: bool,
+    paint: Paint,
     /// The pose of the shape as it was made, and the scale of the copy on the table.
     shape_from_rig: Isometry3<f64>,
     scale: Vector3<f64>,
 }
 
 impl Material {
-    pub(super) fn new(shape: Shape, seed: u64, is_textured: bool) -> Self {
+    pub(super) fn new(shape: Shape, seed: u64, paint: Paint) -> Self {
         Self {
             shape,
             seed,
-            is_textured,
+            paint,
             shape_from_rig: Isometry3::identity(),
             scale: Vector3::repeat(1.0),
         }
@@ -40,13 +61,16 @@ impl Material {
         let p = Point3::from((self.shape_from_rig * p).coords.component_div(&self.scale));
         let part = self.shape.part(p);
         let base = self.base(part);
-        if !self.is_textured {
-            return base;
-        }
         let scaled = |metres: f64| [p.x / metres, p.y / metres, p.z / metres];
         let seed = self.seed.wrapping_add(part as u64 * 101);
-        let patch = smoothstep(0.42, 0.58, field(seed, scaled(0.013))) as f32;
-        let speckle = 0.85 + 0.3 * field(seed ^ 1, scaled(0.0018)) as f32;
+        let (patch, speckle) = match self.paint {
+            Paint::Plain => return base,
+            Paint::Patches => (
+                smoothstep(0.42, 0.58, field(seed, scaled(0.013))) as f32,
+                0.85 + 0.3 * field(seed ^ 1, scaled(0.0018)) as f32,
+            ),
+            Paint::Rings => (ring(p.z), 1.0),
+        };
         let second = [base[0] * 0.72, base[1] * 0.38, base[2] * 0.32];
         [0, 1, 2].map(|c| (base[c] * (1.0 - patch) + second[c] * patch) * speckle)
     }
@@ -66,6 +90,12 @@ impl Material {
             (Shape::Ashtray | Shape::Relief, _) => [0.38, 0.42, 0.34],
         }
     }
+}
+
+/// How much of the second colour a ring has at a height in metres. Two lengths of wave, so that rings tell upright from
+/// upside-down.
+fn ring(height: f64) -> f32 {
+    (0.5 + 0.25 * ((520.0 * height).sin() + (330.0 * height).cos())) as f32
 }
 
 fn smoothstep(low: f64, high: f64, value: f64) -> f64 {

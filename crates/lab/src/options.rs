@@ -40,6 +40,9 @@ pub struct Options {
     pub subject: Option<String>,
     /// Whether the object has a pattern. Default false.
     pub textured: bool,
+    /// Whether rings are painted around the object, instead of a pattern. Default false.
+    #[serde(skip_serializing_if = "std::ops::Not::not")]
+    pub rings: bool,
     /// Whether the session holds exact masks instead of backgrounds. Default false.
     pub masks: bool,
     /// The colour cameras' sensors.
@@ -67,6 +70,7 @@ impl Default for Options {
             poses: Vec::new(),
             subject: None,
             textured: false,
+            rings: false,
             masks: false,
             color: ColorSensor::default(),
             depth: DepthSensor::default(),

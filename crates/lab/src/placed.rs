@@ -4,7 +4,7 @@
 use super::faults::{CaptureFault, Exchange, OtherObject};
 use super::lay::{moved, rig_from_shape};
 use super::light::Light;
-use super::material::Material;
+use super::material::{Material, Paint};
 use super::rest::RestingPoses;
 use super::rig::Bounds;
 use super::{Error, Options, Shape, invalid, prop};
@@ -121,7 +121,7 @@ fn one(
         mesh,
         object_triangles,
         object_vertices,
-        material: Material::new(shape, options.seed, options.textured)
+        material: Material::new(shape, options.seed, Paint::of(options))
             .at(rig_from_shape.inverse(), scale),
         rig_from_shape,
         light: OnceLock::new(),

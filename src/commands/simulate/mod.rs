@@ -56,6 +56,9 @@ pub struct Args {
     /// Give the object a pattern.
     #[arg(long)]
     textured: bool,
+    /// Paint rings around the object instead of a pattern.
+    #[arg(long, conflicts_with = "textured")]
+    rings: bool,
     /// Write exact masks instead of backgrounds.
     #[arg(long)]
     masks: bool,
@@ -296,6 +299,7 @@ fn options(args: Args) -> (Options, board::BoardArgs) {
     take(&mut options.captures, args.captures);
     take(&mut options.spacing_mm, args.spacing_mm);
     options.textured |= args.textured;
+    options.rings |= args.rings;
     options.masks |= args.masks;
     take_color(&mut options, args.color);
     take_depth(&mut options, args.depth);

@@ -3,7 +3,7 @@
 use nalgebra::Isometry3;
 use scand_core::calibration::Camera;
 use scand_core::image::Mask;
-use scand_core::mesh::{Mesh, rasterize};
+use scand_core::mesh::{Mesh, rasterize, vertex_normals};
 use scand_lab::{
     CaptureFault, Exchange, Options, OtherObject, Pose, Shape, SimulatedColorCamera, Simulation,
     poses_json,
@@ -107,6 +107,47 @@ fn a_pattern_moves_with_the_object_and_light_does_not() {
     let elsewhere = correlation(&first, &seen(1, nalgebra::Isometry3::identity()));
     assert!(there > 0.8, "{there}");
     assert!(elsewhere < 0.5, "{elsewhere}");
+}
+
+/// How alike an egg looks after a turn about its axis, from where it then stands: correlation of what the last camera
+/// sees of it.
+fn likeness_after_a_turn(paint: fn(&mut Options)) -> f64 {
+    let options = posed(Shape::Egg, "upright,turn:70", |o| {
+        paint(o);
+        o.color.full_well = 0.0;
+        o.color.exposure_drift = 0.0;
+        o.width = 640;
+        o.height = 480;
+    });
+    let simulation = Simulation::new(options).unwrap();
+    let truth = simulation.truth();
+    let eye = simulation.rig().colors.last().unwrap().actual.center();
+    let vertices = truth.vertices.iter().map(|v| v.cast::<f64>());
+    let facing = vertices.zip(vertex_normals(truth)).filter(|(v, normal)| {
+        let to_eye = (eye - v).normalize();
+        normal.cast::<f64>().dot(&to_eye) > 0.4
+    });
+    let points: Vec<nalgebra::Point3<f64>> = facing.map(|(v, _)| v).collect();
+    let seen = |index: usize, moved_by: Isometry3<f64>| -> Vec<f64> {
+        let scene = simulation.scene(index);
+        let view = scene.colors.last().unwrap();
+        let at = |p: &nalgebra::Point3<f64>| {
+            let (q, _) = view.camera.project(moved_by * p).unwrap();
+            f64::from(view.image[(q.x.round() as usize, q.y.round() as usize)][1])
+        };
+        points.iter().map(at).collect()
+    };
+    // Where the axis went.
+    let moved = simulation.rig_from_object(1).translation;
+    let moved = Isometry3::from_parts(moved, nalgebra::UnitQuaternion::identity());
+    correlation(&seen(0, Isometry3::identity()), &seen(1, moved))
+}
+
+#[test]
+fn rings_look_the_same_after_a_turn_and_a_pattern_does_not() {
+    let rings = likeness_after_a_turn(|o| o.rings = true);
+    let pattern = likeness_after_a_turn(|o| o.textured = true);
+    assert!(rings > 0.85 && pattern < rings - 0.2, "{rings}, {pattern}");
 }
 
 fn correlation(a: &[f64], b: &[f64]) -> f64 {

@@ -672,4 +672,118 @@ mod tests {
             "{left_out:?}"
         );
     }
+
+    /// The words that `docs/operating.md` explains, each as the parts around what differs from case to case.
+    fn explained() -> Vec<Vec<&'static str>> {
+        let page = include_str!("../../../../../docs/operating.md");
+        let (_, table) = page
+            .split_once("| words | meaning | what to do |\n")
+            .expect("the page has a table of words");
+        let rows = table.lines().skip(1).take_while(|row| row.starts_with('|'));
+        let words = rows.filter_map(|row| row.split('|').nth(1));
+        words
+            .map(|words| words.split('…').map(str::trim).collect())
+            .collect()
+    }
+
+    /// Whether all parts stand in what is told, in their order.
+    fn is_told(parts: &[&str], told: &str) -> bool {
+        let mut rest = told;
+        parts.iter().all(|part| {
+            let found = rest.split_once(part);
+            rest = found.map_or("", |(_, after)| after);
+            found.is_some()
+        })
+    }
+
+    /// All that can be found of a capture, whether its pose was given, and how many of the explained words it takes.
+    fn all_findings() -> Vec<(Registered, bool, usize)> {
+        let mut all = Vec::new();
+        for held_by in POSES {
+            all.push((registered(Ok(held_by)), held_by == PoseEvidence::Given, 2));
+        }
+        for refusal in REFUSALS {
+            all.push((registered(Err(refusal)), false, 1));
+        }
+        for refusal in [Refusal::NoPose, Refusal::Stretch] {
+            all.push((registered(Err(refusal)), true, 1));
+        }
+        let mut doubted = |held_by: PoseEvidence, doubt: fn(&mut Registered)| {
+            let mut found = registered(Ok(held_by));
+            doubt(&mut found);
+            all.push((found, held_by == PoseEvidence::Given, 3));
+        };
+        let by_outlines = PoseEvidence::Silhouettes;
+        doubted(by_outlines, |found| found.sigma_deg = 1.0);
+        doubted(by_outlines, |found| found.may_have_changed = true);
+        doubted(by_outlines, |found| found.larger_by = Some(0.004));
+        doubted(by_outlines, |found| {
+            found.colours = Some(ColorAgreement {
+                best: 0.0,
+                next: 0.0,
+                contrast: 0.3,
+                points: 1000,
+            });
+        });
+        doubted(PoseEvidence::Nothing, |found| found.depth = None);
+        doubted(PoseEvidence::Given, |found| {
+            found.free_axis = Some(UnitVector3::new_normalize(Vector3::z()));
+        });
+        doubted(PoseEvidence::Given, |found| {
+            let (contradicting, least) = (0.2, 0.01);
+            found.depth = Some(DepthWitness {
+                contradicting,
+                least,
+            });
+        });
+        let mut follows = registered(Ok(PoseEvidence::Nothing));
+        follows.turns_with = Some(0);
+        all.push((follows, false, 2));
+        all
+    }
+
+    #[test]
+    fn the_page_for_people_explains_all_words_and_no_others() {
+        let explained = explained();
+        assert!(explained.len() > 20, "{explained:?}");
+        let mut all_told: Vec<String> = Vec::new();
+        for (found, is_given, least) in all_findings() {
+            let finding = format!("{found:?}");
+            let fusion = fusion(&[found], is_given);
+            let told = &fusion.captures[1].words;
+            let count = explained
+                .iter()
+                .filter(|parts| is_told(parts, told))
+                .count();
+            assert!(
+                count >= least,
+                "{count} of {least} are explained: {told} ({finding})"
+            );
+            let frame = &fusion.captures[0].words;
+            let is_explained = explained.iter().any(|parts| is_told(parts, frame));
+            assert!(is_explained, "{frame}");
+            all_told.extend([told.clone(), frame.clone()]);
+        }
+        for parts in &explained {
+            let is_said = all_told.iter().any(|told| is_told(parts, told));
+            assert!(is_said, "{parts:?} is explained, and never said");
+        }
+    }
+
+    #[test]
+    fn the_schema_of_the_report_knows_each_evidence_and_refusal_and_no_other() {
+        let schema = include_str!("../../../../../docs/report.schema.json");
+        let schema: serde_json::Value = serde_json::from_str(schema).unwrap();
+        let known = |member: &str| {
+            let member = &schema["$defs"]["fused_capture"]["properties"][member];
+            member["enum"].clone()
+        };
+        let mut evidence = vec![Some(PoseEvidence::Frame)];
+        evidence.extend(POSES.map(Some));
+        evidence.push(None);
+        assert_eq!(known("held_by"), serde_json::json!(evidence));
+        let mut refusals = REFUSALS.map(Some).to_vec();
+        refusals.push(None);
+        assert_eq!(known("refused"), serde_json::json!(refusals));
+    }
 }
