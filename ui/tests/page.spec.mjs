@@ -277,7 +277,7 @@ test("a daemon that is away, a full disk, a camera that is away and a red model 
   await page.getByRole("button", { name: "Press", exact: true }).click();
   await sign(page, "red");
   await shot(page, "red");
-  await inGerman(page, () => expect(page.locator(".now .reasons")).toContainText("nicht im selben Augenblick"));
+  await inGerman(page, () => expect(page.locator(".now .reasons")).toContainText(/Farbkameras liegen \S+ ms auseinander/));
   await rig.stop("cameras", "SIGKILL");
   await page.getByRole("link", { name: "State" }).click();
   await expect(page.locator("main")).toContainText("is away", { timeout: 40_000 });
@@ -552,6 +552,8 @@ test("reasons are in the page's language, and a list that is cut says so", async
   const reasons = [
     { level: "red", code: "frame_cut", words: "c03 cuts it" },
     { level: "amber", code: "of_another_version", words: "<b>new</b>" },
+    { level: "amber", code: "blurred", words: "the object's outline is blurred: c00 (3.0 px), c02 (2.1 px), 2 more" },
+    { level: "amber", code: "depth_biased", words: "depth is off by more than its calibration allows: kinect (5.1 mm more); 9.3 mm in all" },
   ];
   const capture = { capture: "fake-0001", recording: "fake", verdict: "red", reasons, subject: null, placement: null, time_s: null };
   const rest = { decision: null, notes: [], has_preview: false, has_model: false, model_tag: null };
@@ -565,7 +567,50 @@ test("reasons are in the page's language, and a list that is cut says so", async
   await page.locator(".strip a").click();
   await expect(page.locator("main")).toContainText("Rand eines Bildes. c03 cuts it");
   await expect(page.locator("main")).toContainText("<b>new</b>");
+  // The details are the daemon's; those that the catalogue has are in the page's language, and the others marked.
+  await expect(page.locator("main")).toContainText("der Umriss des Objekts ist unscharf: c00 (3.0 px), c02 (2.1 px), 2 weitere");
+  await expect(page.locator("main")).toContainText("kinect (5.1 mm mehr); insgesamt 9.3 mm");
+  await expect(page.locator("main [lang=en]")).toHaveText(["c03 cuts it", "<b>new</b>"]);
   await page.getByRole("button", { name: "English" }).click();
+  await expect(page.locator("main")).toContainText("the object's outline is blurred: c00 (3.0 px), c02 (2.1 px), 2 more");
+});
+
+test("what to do is what is wrong now, as `scand check` judges it, in the page's language", async ({ page, rig }) => {
+  await enter(page, rig, "viewer");
+  const ready = { kind: "color", state: "ready", words: "Maker M1, serial 42, firmware 1.2, at 10.0.1.3", lost_frames: 0 };
+  const clock = (words) => ["PTP", words];
+  const c00 = {
+    ...ready,
+    health: [["temperature", "31.2 °C"], clock("Slave, 120 ns from its master")],
+    // How its clock was when it was opened, and a value that the camera rounded.
+    remarks: ["PTP: Listening, expected Slave or Master"],
+    settings: [["ExposureTime", "8000", "7998.5"]],
+  };
+  const kinect = { ...ready, kind: "depth", words: "Kinect, serial number 7, usb", remarks: ["a raw reading counts millimetres"] };
+  const status = { cameras: { c00, kinect }, capture_bytes: 1, captures_left: 500, plates_age_h: 1, calibration_age_h: 1, models: null };
+  await page.route("**/api/state", (route) => route.fulfill({ json: { status, age_ms: 5 } }));
+  await page.getByRole("link", { name: "State" }).click();
+  const main = page.locator("main");
+  await expect(main).toContainText("Nothing is wrong.");
+  await expect(main).toContainText("temperature 31.2 °C · PTP: Slave, 120 ns from its master");
+  await expect(main).not.toContainText("Listening");
+  await inGerman(page, async () => {
+    await expect(main).toContainText("Alles in Ordnung.");
+    await expect(main).toContainText("Temperatur 31.2 °C · PTP: Slave, 120 ns Abstand von der führenden Uhr");
+    await expect(main).toContainText("Seriennummer 42");
+    await expect(main).toContainText("ein roher Messwert zählt Millimeter");
+    await expect(main.locator("[lang=en]")).toHaveCount(0);
+  });
+  c00.health = [clock("the clock is 900000 ns from its master, expected at most 100000 ns")];
+  kinect.lost_frames = 7;
+  status.plates_age_h = 13;
+  const todo = main.locator("section.card").first().locator("li");
+  await expect(todo).toHaveText([
+    /^c00: PTP: the clock is 900000 ns .* Run a PTP master/,
+    /^kinect lost frames since the daemon started \(7\): check its link/,
+    /^The background pictures are 13 h old/,
+  ]);
+  await inGerman(page, () => expect(todo.first()).toContainText("erlaubt sind 100000 ns. Lassen Sie im Netz der Kameras"));
 });
 
 test("a tone is played once for its news, and not again when the connection is back", async ({ page, rig, expected }) => {
@@ -639,6 +684,7 @@ test("of several captures of an object the page tells how they lie, and makes th
   const [registered, fused] = [object.locator("[data-registered]"), object.locator("[data-fused]")];
   await expect(object).toContainText(`Object ${number}`, slow);
   await expect(registered).toContainText(second, slow);
+  await inGerman(page, () => expect(registered.locator("[lang=en]")).toHaveCount(0));
   await expect(object).toContainText("No camera has seen");
   await expect(object.locator(".next")).toHaveText(/^\s*(Show next: \S|There is no further side to show)/);
   await expect(fused.getByRole("link", { name: "Model of all captures" })).toBeVisible(slow);
