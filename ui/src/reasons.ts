@@ -17,8 +17,8 @@ export function list(texts: string[], words: (text: string) => TemplateResult = 
   </ul>`;
 }
 
-/** A model's reasons as the daemon said them. Before one that the catalogue does not have as a whole comes what its code
- * means, once the report was read. */
+/** A model's reasons as the daemon said them. Before one that the catalogue does not have as a whole, it says what the
+ * code means, once the report was read. */
 class ReasonsPart extends Part {
   static properties = { recording: {}, capture: {}, texts: { attribute: false }, found: { state: true } };
   declare recording: string;

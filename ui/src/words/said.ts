@@ -1,6 +1,5 @@
 // What the daemon says in words alone, in the page's language: the catalogue has its sentences, with names in place of
-// what differs, and the parts of which lists and other sentences consist. What it does not have stays as the daemon said
-// it.
+// what differs, and parts of lists and of other sentences. What it does not have stays as the daemon said it.
 import { html, type TemplateResult } from "lit";
 import { en } from "./en";
 import { isKey, type Key, language, t } from "./index";
