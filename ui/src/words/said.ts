@@ -81,7 +81,7 @@ function matched(text: string, known: Sentence[]): Piece[] | null {
   for (const { key, names, pattern } of known) {
     const found = pattern.exec(text);
     if (!found) continue;
-    const values = new Map(names.map((name, place) => [name, found[place + 1]]));
+    const values = new Map(names.map((name, place): [string, string] => [name, found[place + 1]]));
     const pieces = t(key).split(NAMES);
     return pieces.flatMap((piece, place) => (place % 2 === 0 ? [own(piece)] : inPlace(piece, values.get(piece) ?? "")));
   }
