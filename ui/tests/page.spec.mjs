@@ -296,6 +296,49 @@ test("a tablet that slept shows nothing old when it wakes, by the clock on the w
   await sign(page, "ready", "green", "amber", "red", "failed");
 });
 
+const SIGNS = [
+  "away", "not_ready", "disk_full", "busy", "ready", "ready_without", "capturing", "hands_may_move", "safe", "green", "amber", "red",
+  "failed", "model_failed",
+];
+
+test("each sign has a form and a word of its own, and says what to do, in each language", async ({ page, rig }) => {
+  // What the page's process tells comes from the test.
+  await page.addInitScript(() => {
+    window.EventSource = class extends EventTarget {
+      constructor() {
+        super();
+        window.events = this;
+      }
+      close() {}
+    };
+  });
+  await enter(page, rig, "viewer");
+  const tell = (sign) =>
+    page.evaluate((sign) => {
+      const daemon = { age_ms: 5, session: null, captures_left: 40, models: null, plates_age_h: 1 };
+      const rest = { recording: null, age_ms: 5, last: null, object: null, remade: null, history: 1 };
+      const now = { sign, capture: "a-0001", reasons: ["c00: opening"], daemon, ...rest };
+      window.events.dispatchEvent(new MessageEvent("now", { data: JSON.stringify(now) }));
+    }, sign);
+  const differ = async () => {
+    const [forms, words] = [new Set(), new Set()];
+    for (const name of SIGNS) {
+      await tell(name);
+      await expect(page.locator("[data-sign]")).toHaveAttribute("data-sign", name);
+      await expect(page.locator(".now .hint")).not.toHaveText("");
+      forms.add(await page.locator(".now svg.sign").innerHTML());
+      words.add(await page.locator(".now h1").textContent());
+    }
+    expect([forms.size, words.size]).toEqual([SIGNS.length, SIGNS.length]);
+  };
+  await differ();
+  await inGerman(page, differ);
+  await tell("busy");
+  await expect(page.locator(".now h1")).toHaveText("Please wait");
+  await tell("hands_may_move");
+  await expect(page.locator(".now h1")).toHaveText("Hands may move");
+});
+
 /** Looks at something on the German page, and goes on with the English one. */
 async function inGerman(page, look) {
   await page.getByRole("button", { name: "Deutsch" }).click();
