@@ -16,11 +16,13 @@ interface Piece {
   isForeign: boolean;
 }
 
-/** A longer text is no single sentence, and one of several that is even longer is not looked through. */
+/** A longer text is no single sentence. A text of more parts between semicolons is not looked through. */
 const LONGEST = 500;
-const LONGEST_OF_SEVERAL = 4000;
+const MOST_OF_ALL = 60;
 /** Most parts between semicolons that one sentence of the daemon has. */
 const MOST_PARTS = 6;
+/** Texts of which it is remembered what they are in the page's language. */
+const MOST_REMEMBERED = 500;
 /** What may stand for a name, by the name; for any other name there may be anything. */
 const HELD: [RegExp, string][] = [
   [/^n(_\w+)?$/, "([-+]?\\d[\\d.]*)"],
@@ -38,10 +40,13 @@ const HELD: [RegExp, string][] = [
 ];
 /** Names of what the daemon says in words: a sentence of its own, or several. */
 const SPOKEN = ["reason", "why", "words", "consequence", "shortfall", "rest", "doubts", "place"];
+/** Names in the place of which people's own names stand, such as a camera's; these have no spaces. */
+const NAMED = ["camera", "name", "capture", "other"];
 const NAMES = /\{(\w+)\}/;
 
 const sentences = ofCatalogue("said_");
 const parts = ofCatalogue("part_");
+const remembered = new Map<string, Piece[]>();
 
 function ofCatalogue(prefix: string): Sentence[] {
   return Object.keys(en)
@@ -91,7 +96,7 @@ function matched(text: string, known: Sentence[]): Piece[] | null {
 /** What stands in place of a name. */
 function inPlace(name: string, value: string): Piece[] {
   if (name === "cameras") return [own(value.split(", ").map(ofList).join(", "))];
-  const part = matched(value, parts);
+  const part = NAMED.includes(name) && !value.includes(" ") ? null : matched(value, parts);
   if (part !== null || !SPOKEN.includes(name) || value === "") return part ?? [own(value)];
   const begin = /^(?:; |: )?/.exec(value)?.[0] ?? "";
   return [own(begin), ...several(value.slice(begin.length))];
@@ -100,7 +105,8 @@ function inPlace(name: string, value: string): Piece[] {
 /** One of a list of cameras: `c00`, `c00 (3.1 px)` or `3 more`. */
 function ofList(one: string): string {
   const [, name, value] = /^([^ ]+) \((.+)\)$/.exec(one) ?? [];
-  return value === undefined ? named(one) : `${name} (${named(value)})`;
+  if (value !== undefined) return `${name} (${named(value)})`;
+  return one.includes(" ") ? named(one) : one;
 }
 
 /** The same of a sentence that may begin with the camera or the capture that it is about. */
@@ -116,6 +122,7 @@ function ofCamera(text: string): Piece[] | null {
 /** Sentences between semicolons, some of which have semicolons themselves. */
 function several(text: string): Piece[] {
   const said = text.split("; ");
+  if (said.length > MOST_OF_ALL) return [foreign(text)];
   const pieces: Piece[] = [];
   for (let begin = 0; begin < said.length; ) {
     let end = Math.min(said.length, begin + MOST_PARTS);
@@ -131,7 +138,11 @@ function several(text: string): Piece[] {
 /** What the daemon said, in the page's language as far as the catalogue has it. */
 function translated(text: string): Piece[] {
   if (language() === "en") return [own(text)];
-  return text.length > LONGEST_OF_SEVERAL ? [foreign(text)] : several(text);
+  const key = `${language()} ${text}`;
+  const pieces = remembered.get(key) ?? several(text);
+  if (remembered.size >= MOST_REMEMBERED) remembered.clear();
+  remembered.set(key, pieces);
+  return pieces;
 }
 
 /** What the daemon said, as text. */
