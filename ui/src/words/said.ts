@@ -121,15 +121,15 @@ function ofCamera(text: string): Piece[] | null {
 
 /** Sentences between semicolons, some of which have semicolons themselves. */
 function several(text: string): Piece[] {
-  const said = text.split("; ");
-  if (said.length > MOST_OF_ALL) return [foreign(text)];
+  const all = text.split("; ");
+  if (all.length > MOST_OF_ALL) return [foreign(text)];
   const pieces: Piece[] = [];
-  for (let begin = 0; begin < said.length; ) {
-    let end = Math.min(said.length, begin + MOST_PARTS);
-    let found = ofCamera(said.slice(begin, end).join("; "));
-    while (found === null && --end > begin) found = ofCamera(said.slice(begin, end).join("; "));
+  for (let begin = 0; begin < all.length; ) {
+    let end = Math.min(all.length, begin + MOST_PARTS);
+    let found = ofCamera(all.slice(begin, end).join("; "));
+    while (found === null && --end > begin) found = ofCamera(all.slice(begin, end).join("; "));
     if (begin > 0) pieces.push(own("; "));
-    pieces.push(...(found ?? [foreign(said[begin])]));
+    pieces.push(...(found ?? [foreign(all[begin])]));
     begin = Math.max(end, begin + 1);
   }
   return pieces;
@@ -137,7 +137,7 @@ function several(text: string): Piece[] {
 
 /** What the daemon said, in the page's language as far as the catalogue has it. */
 function translated(text: string): Piece[] {
-  if (language() === "en") return [own(text)];
+  if (language() === "en" || text === "") return [own(text)];
   const key = `${language()} ${text}`;
   const pieces = remembered.get(key) ?? several(text);
   if (remembered.size >= MOST_REMEMBERED) remembered.clear();
