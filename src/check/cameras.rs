@@ -10,6 +10,9 @@ pub fn cameras(cameras: &Value) -> Vec<Finding> {
     all.flat_map(|(id, camera)| one(id, camera)).collect()
 }
 
+/// How what is said of a camera's PTP clock begins.
+const CLOCK: &str = "PTP: ";
+
 fn one(id: &str, camera: &Value) -> Vec<Finding> {
     let subject = format!("camera {id}");
     let words = camera["words"].as_str().unwrap_or("");
@@ -27,10 +30,15 @@ fn one(id: &str, camera: &Value) -> Vec<Finding> {
             findings.push(Finding::ok(subject.clone(), found));
         }
     }
-    for remark in texts("remarks") {
-        let remark = remark.as_str().unwrap_or("");
-        findings.push(judge_remark(&subject, remark));
-    }
+    // A remark tells how the clock was when the camera was opened; what it reports about itself is newer.
+    let health = texts("health");
+    let clock = health.iter().find(|pair| pair[0] == "PTP");
+    let clock = clock.map(|pair| format!("{CLOCK}{}", pair[1].as_str().unwrap_or("")));
+    let remarks = texts("remarks");
+    let remarks = remarks.iter().map(|remark| remark.as_str().unwrap_or(""));
+    let lasting = remarks.filter(|remark| clock.is_none() || !remark.starts_with(CLOCK));
+    let told = clock.as_deref().into_iter().chain(lasting);
+    findings.extend(told.map(|remark| judge_remark(&subject, remark)));
     let lost = camera["lost_frames"].as_u64().unwrap_or(0);
     if lost > 0 {
         let found = format!(
@@ -46,7 +54,7 @@ fn one(id: &str, camera: &Value) -> Vec<Finding> {
 /// A remark of a camera is advice, except about its PTP clock: that is in order if it follows a master, and wrong if
 /// not.
 fn judge_remark(subject: &str, remark: &str) -> Finding {
-    let Some(state) = remark.strip_prefix("PTP: ") else {
+    let Some(state) = remark.strip_prefix(CLOCK) else {
         let remedy = "docs/cameras.md";
         return Finding::not_ok(State::Advice, subject, remark, remedy);
     };
@@ -62,6 +70,21 @@ fn judge_remark(subject: &str, remark: &str) -> Finding {
 mod tests {
     use super::*;
     use serde_json::json;
+
+    #[test]
+    fn a_clock_is_judged_as_it_is_now_and_not_as_it_was_when_its_camera_was_opened() {
+        let of = |now: &str| {
+            let status = json!({ "c00": {"state": "ready", "words": "Maker M1",
+                "health": [["temperature", "31.0 °C"], ["PTP", now]],
+                "remarks": ["PTP: Listening, expected Slave or Master", "its packets have 1500 bytes"]} });
+            let states = cameras(&status).into_iter().map(|f| f.state);
+            states.collect::<Vec<_>>()
+        };
+        let follows = of("Slave, 120 ns from its master");
+        assert_eq!(follows, [State::Ok, State::Ok, State::Advice]);
+        let far = of("the clock is 900000 ns from its master, expected at most 100000 ns");
+        assert_eq!(far, [State::Ok, State::Wrong, State::Advice]);
+    }
 
     #[test]
     fn a_camera_that_is_away_is_wrong_and_remarks_are_judged() {

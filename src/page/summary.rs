@@ -188,38 +188,95 @@ mod tests {
     }
 
     /// The sources that say what the catalogue knows word for word.
-    const SOURCES: [&str; 15] = [
+    const SOURCES: [&str; 41] = [
         include_str!("../commands/live/models.rs"),
         include_str!("../commands/make_look.rs"),
         include_str!("../daemon/capturing/assemble.rs"),
         include_str!("../daemon/capturing/capture_thread/admission.rs"),
+        include_str!("../daemon/capturing/capture_thread/background.rs"),
         include_str!("../daemon/capturing/capture_thread/looking.rs"),
+        include_str!("../daemon/capturing/capture_thread/sessions.rs"),
         include_str!("../daemon/capturing/mod.rs"),
+        include_str!("../daemon/notes.rs"),
+        include_str!("../daemon/recorder.rs"),
         include_str!("../daemon/rig.rs"),
+        include_str!("../daemon/rig/looking.rs"),
         include_str!("../daemon/status.rs"),
         include_str!("../drivers/aravis/camera.rs"),
         include_str!("../drivers/aravis/find.rs"),
+        include_str!("../drivers/aravis/precision_time.rs"),
         include_str!("../drivers/aravis/shoot.rs"),
+        include_str!("../drivers/aravis/stream.rs"),
+        include_str!("../drivers/live/device.rs"),
+        include_str!("../drivers/live/mod.rs"),
+        include_str!("../drivers/openni2/parameters.rs"),
+        include_str!("../drivers/openni2/settings.rs"),
+        include_str!("../drivers/v4l2/camera.rs"),
+        include_str!("../drivers/v4l2/settings.rs"),
         include_str!("../workers/outcome.rs"),
+        include_str!("../workers/remakes.rs"),
+        include_str!("daemon.rs"),
+        include_str!("http/guard.rs"),
+        include_str!("http/history.rs"),
+        include_str!("sessions.rs"),
         include_str!("../../crates/core/src/capture/error.rs"),
+        include_str!("../../crates/core/src/capture/load.rs"),
         include_str!("../../crates/core/src/look/mod.rs"),
         include_str!("../../crates/core/src/make_model/object/part.rs"),
+        include_str!("../../crates/core/src/reconstruct/silhouette/mod.rs"),
+        include_str!("../../crates/core/src/report/verdict/capture.rs"),
+        include_str!("../../crates/core/src/report/verdict/depth.rs"),
+        include_str!("../../crates/core/src/report/verdict/mod.rs"),
+        include_str!("../../crates/core/src/report/verdict/model.rs"),
+        include_str!("../../crates/core/src/report/verdict/silhouettes.rs"),
+        include_str!("../../crates/core/src/sync/mod.rs"),
     ];
+    const ENGLISH: &str = include_str!("../../ui/src/words/en.ts");
+    const GERMAN: &str = include_str!("../../ui/src/words/de.ts");
+
+    /// Keys and words of what the page recognizes: sentences, and parts of them.
+    fn recognized(catalogue: &'static str) -> Vec<(&'static str, &'static str)> {
+        let entries = catalogue.lines().filter_map(|line| {
+            let (key, rest) = line.trim().split_once(": \"")?;
+            let is_one = key.starts_with("said_") || key.starts_with("part_");
+            is_one.then_some((key, rest.strip_suffix("\",")?))
+        });
+        entries.collect()
+    }
 
     #[test]
     fn the_sentences_that_the_page_recognizes_are_the_daemons_own() {
         let sources = SOURCES.map(joined);
-        let english = include_str!("../../ui/src/words/en.ts");
-        let entries = english.lines().filter_map(|line| {
-            let (key, rest) = line.trim().split_once(": \"")?;
-            Some((key.strip_prefix("said_")?, rest.strip_suffix("\",")?))
-        });
-        let entries: Vec<_> = entries.collect();
-        assert!(entries.len() > 20, "{}", entries.len());
+        let entries = recognized(ENGLISH);
+        assert!(entries.len() > 120, "{}", entries.len());
         for (key, sentence) in entries {
             let is_there = sources.iter().any(|source| is_said(source, sentence));
-            assert!(is_there, "said_{key}: no source says {sentence:?}");
+            assert!(is_there, "{key}: no source says {sentence:?}");
         }
+    }
+
+    #[test]
+    fn another_language_names_nothing_that_the_daemons_sentence_does_not_name() {
+        let english = recognized(ENGLISH);
+        let german = recognized(GERMAN);
+        assert_eq!(english.len(), german.len());
+        for (key, words) in german {
+            let own = english.iter().find(|(known, _)| *known == key);
+            let own = own.map(|(_, sentence)| names(sentence)).unwrap_or_default();
+            let unknown: Vec<_> = names(words)
+                .into_iter()
+                .filter(|name| !own.contains(name))
+                .collect();
+            assert!(unknown.is_empty(), "{key}: {unknown:?}");
+        }
+    }
+
+    /// What stands between braces.
+    fn names(sentence: &str) -> Vec<&str> {
+        let pieces = sentence.split('{').skip(1);
+        pieces
+            .filter_map(|piece| Some(piece.split_once('}')?.0))
+            .collect()
     }
 
     /// A source with each text that goes over several lines on one.

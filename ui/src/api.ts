@@ -1,5 +1,6 @@
 // The page's requests to the process that serves it: who am I, what holds now, what was scanned, and what people do.
 import { t } from "./words";
+import { said } from "./words/said";
 
 export interface Me {
   role: "viewer" | "operator";
@@ -174,7 +175,7 @@ export class Refused extends Error {
     if (this.code === "full") return t("error_full");
     if (this.code === "viewer") return t("error_viewer");
     if (this.code === "network") return t("error_network");
-    return t("error_other", { reason: this.reason });
+    return t("error_other", { reason: said(this.reason) });
   }
 }
 

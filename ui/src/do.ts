@@ -23,7 +23,7 @@ export function told(answer: api.Answer): string {
     case "ending":
       return t("told_ending");
     default:
-      return t("told_ok", { words: answer.words ?? answer.type });
+      return t("told_ok", { words: said(answer.words ?? answer.type) });
   }
 }
 

@@ -5,7 +5,7 @@ import { Part } from "./element";
 import { live } from "./live";
 import { sign } from "./signs";
 import { age, isKey, type Key, language, t } from "./words";
-import { said } from "./words/said";
+import { said, spoken } from "./words/said";
 
 export function date(seconds: number): string {
   const format = new Intl.DateTimeFormat(language(), { dateStyle: "medium", timeStyle: "short" });
@@ -21,7 +21,7 @@ export function verdict(name: string): TemplateResult {
 /** A reason of a verdict: what its code means in the page's language, and what the daemon says of it. */
 export function reason(found: api.Reason): TemplateResult {
   const general = generally(found.code);
-  return html`${general ? html`${general} ` : nothing}<span class=${general ? "quiet" : ""} lang="en">${found.words}</span>`;
+  return html`${general ? html`${general} ` : nothing}<span class=${general ? "quiet" : ""}>${spoken(found.words)}</span>`;
 }
 
 /** What a code means, if this page knows it. */
@@ -159,7 +159,7 @@ class HistoryPart extends Part {
   private card(capture: api.Summary): TemplateResult {
     const picture = api.file(capture.recording, capture.capture, "thumbnail.jpg");
     const first = capture.reasons[0];
-    const words = first && (generally(first.code) || first.words);
+    const words = first && (generally(first.code) || said(first.words));
     return html`
       <a class="card capture" href="#/history/${capture.recording}/${capture.capture}">
         ${capture.has_preview

@@ -99,7 +99,7 @@ class LookPart extends Part {
     return html`
       <h1>${t("look")}</h1>
       <p>${t("look_hint")}</p>
-      ${this.problem ? html`<p role="alert">${t("look_problem", { reason: this.problem })}</p>` : nothing}
+      ${this.problem ? html`<p role="alert">${t("look_problem", { reason: said(this.problem) })}</p>` : nothing}
       ${all.length === 0 && !this.problem ? html`<p role="status">${t("look_waiting")}</p>` : nothing}
       <svg class="defs" aria-hidden="true" focusable="false">
         <pattern id="hatch" width="8" height="8" patternUnits="userSpaceOnUse">

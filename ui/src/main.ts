@@ -10,6 +10,7 @@ import { isOn, play, turn, wake } from "./sound";
 import "./state";
 import "./style.css";
 import { choose, type Key, language, others, t } from "./words";
+import { said } from "./words/said";
 
 const PARTS: Key[] = ["now", "look", "history", "state"];
 const LOOK_MS = 5000;
@@ -194,7 +195,7 @@ class Page extends LitElement {
   }
 
   private refused(): TemplateResult | typeof nothing {
-    return this.refusal ? html`<p role="alert">${t("login_failed", { reason: this.refusal })}</p>` : nothing;
+    return this.refusal ? html`<p role="alert">${t("login_failed", { reason: said(this.refusal) })}</p>` : nothing;
   }
 
   private login(): TemplateResult {

@@ -7,8 +7,8 @@ import { decision, verdict } from "./history";
 import { live } from "./live";
 import { list } from "./reasons";
 import { sign } from "./signs";
-import { age, isKey, type Key, language, t } from "./words";
-import { said, spoken } from "./words/said";
+import { age, isKey, type Key, t } from "./words";
+import { isSaid, said, spoken } from "./words/said";
 
 /** Signs of a model that was made: its reasons are in its report. */
 const MODELS = ["green", "amber", "red"];
@@ -112,12 +112,12 @@ function object(told: ObjectTold): TemplateResult {
 function how(registered: NonNullable<ObjectTold["registered"]>): TemplateResult {
   const isLost = registered.level === "red" && registered.show_next === null;
   const next = registered.show_next ? t("object_show_next", { side: said(registered.show_next) }) : t("object_shown");
-  // The daemon's words are English; elsewhere, how the pose was found comes first in the page's language.
+  // Where the catalogue does not have all of the words, how the pose was found comes first in the page's language.
   const held = `held_${registered.held_by ?? ""}`;
-  const general = language() !== "en" && isKey(held) ? t(held) : "";
+  const general = !isSaid(registered.words) && isKey(held) ? t(held) : "";
   return html`
     <p data-registered>
-      ${verdict(registered.level)} <bdi>${registered.capture}</bdi>: ${general} <span lang="en">${registered.words}</span>
+      ${verdict(registered.level)} <bdi>${registered.capture}</bdi>: ${general} ${spoken(registered.words)}
       ${registered.is_old ? html`<span class="quiet">${t("object_older")}</span>` : nothing}
     </p>
     ${isLost

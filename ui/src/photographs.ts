@@ -3,6 +3,7 @@ import { html, nothing, type TemplateResult } from "lit";
 import * as api from "./api";
 import { Part } from "./element";
 import { t } from "./words";
+import { spoken } from "./words/said";
 
 interface Shown extends api.Photograph {
   url: string;
@@ -91,7 +92,7 @@ class PhotographsPart extends Part {
 
   private small({ camera, width, height, url, words }: Shown): TemplateResult {
     if (!url) {
-      return html`<p class="warning"><bdi>${camera}</bdi>: ${t("picture_unread")} <span lang="en">${words}</span></p>`;
+      return html`<p class="warning"><bdi>${camera}</bdi>: ${t("picture_unread")} ${spoken(words)}</p>`;
     }
     const enlarge = () => {
       this.large = camera;

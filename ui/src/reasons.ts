@@ -4,8 +4,7 @@ import { html, nothing, type TemplateResult } from "lit";
 import * as api from "./api";
 import { Part } from "./element";
 import { generally } from "./history";
-import { language } from "./words";
-import { spoken } from "./words/said";
+import { isSaid, spoken } from "./words/said";
 
 const LONGEST_LIST = 6;
 
@@ -18,7 +17,8 @@ export function list(texts: string[], words: (text: string) => TemplateResult = 
   </ul>`;
 }
 
-/** A model's reasons: what the code of each means, once the report was read, and before that what the daemon said. */
+/** A model's reasons as the daemon said them. Before one that the catalogue does not have as a whole, it says what the
+ * code means, once the report was read. */
 class ReasonsPart extends Part {
   static properties = { recording: {}, capture: {}, texts: { attribute: false }, found: { state: true } };
   declare recording: string;
@@ -36,9 +36,9 @@ class ReasonsPart extends Part {
     this.found = [];
   }
 
-  /** Asks for the codes, unless the daemon's words are in the page's language anyway. */
+  /** Asks for the codes, unless all of the daemon's words are in the page's language anyway. */
   willUpdate(): void {
-    const isWanted = language() !== "en" && this.recording !== "" && this.capture !== "" && this.texts.length > 0;
+    const isWanted = this.recording !== "" && this.capture !== "" && !this.texts.every(isSaid);
     const wanted = isWanted ? [this.recording, this.capture, ...this.texts].join("\n") : "";
     if (wanted === this.asked) return;
     this.asked = wanted;
@@ -61,8 +61,8 @@ class ReasonsPart extends Part {
 
   private reason(text: string): TemplateResult {
     const code = this.found.find(({ words }) => words === text)?.code ?? "";
-    const general = generally(code);
-    return general ? html`${general} <span lang="en">(${text})</span>` : spoken(text);
+    const general = isSaid(text) ? "" : generally(code);
+    return general ? html`${general} (${spoken(text)})` : spoken(text);
   }
 }
 

@@ -4,12 +4,16 @@ import * as api from "./api";
 import { Part } from "./element";
 import { backlog } from "./now";
 import { age, type Key, t } from "./words";
-import { said, spoken } from "./words/said";
+import { named, said, spoken } from "./words/said";
 
 const EVERY_MS = 3000;
-const OLD_PLATES_H = 24;
+const OLD_PLATES_H = 12;
 const OLD_CALIBRATION_H = 90 * 24;
 const FEW_CAPTURES = 20;
+/** How what is said of a camera's network clock begins. */
+const CLOCK = "PTP: ";
+/** What tells how a camera is and leaves nothing to be done. */
+const IN_ORDER = [/^PTP: (Master|Slave)(, -?\d+ ns from its master)?$/, /^a raw reading counts /, /^a file of OpenNI's: /];
 
 interface Camera {
   kind?: string;
@@ -109,11 +113,12 @@ class StatePart extends Part {
   private todo(status: Status): string[] {
     const found: string[] = [];
     for (const [camera, about] of Object.entries(status.cameras ?? {})) {
-      if (about.state !== "ready") found.push(t("todo_camera", { camera, words: said(about.words || about.state) }));
-      for (const [setting, asked, read] of about.settings ?? []) {
-        if (asked !== read) found.push(t("todo_setting", { camera, setting, asked, found: read }));
+      if (about.state !== "ready") {
+        found.push(t("todo_camera", { camera, words: said(about.words || about.state) }));
+        continue;
       }
-      found.push(...(about.remarks ?? []).map((remark) => `${camera}: ${said(remark)}`));
+      if (about.lost_frames) found.push(t("todo_lost", { camera, n: about.lost_frames }));
+      found.push(...advice(about).map((words) => `${camera}: ${words}`));
     }
     const plates = status.plates_age_h ?? null;
     if (plates === null) found.push(t("todo_plates_none"));
@@ -132,21 +137,22 @@ class StatePart extends Part {
 
   private camera(id: string, camera: Camera): TemplateResult {
     const known = ["ready", "away", "opening"].includes(camera.state);
-    const health = (camera.health ?? []).map(([name, value]) => `${name} ${value}`);
+    const health = (camera.health ?? []).map(measured);
     const lost = camera.lost_frames ? [t("lost_frames", { n: camera.lost_frames })] : [];
     return html`
       <li class="card">
         <h3><bdi>${id}</bdi>: ${known ? t(`camera_${camera.state}` as Key) : camera.state}</h3>
         <p>${spoken(camera.words)}</p>
         ${health.length + lost.length > 0 ? html`<p>${[...health, ...lost].join(" · ")}</p>` : nothing}
+        ${lasting(camera).map((remark) => html`<p>${spoken(remark)}</p>`)}
         ${camera.settings?.length
           ? html`<details>
               <summary>${t("camera_settings")}</summary>
               <dl>
                 ${camera.settings.map(
                   ([name, asked, read]) => html`<div>
-                    <dt>${name}</dt>
-                    <dd>${read}${asked === read ? "" : ` (${t("asked_for", { value: asked })})`}</dd>
+                    <dt>${named(name)}</dt>
+                    <dd>${named(read)}${asked === read ? "" : ` (${t("asked_for", { value: named(asked) })})`}</dd>
                   </div>`,
                 )}
               </dl>
@@ -155,6 +161,23 @@ class StatePart extends Part {
       </li>
     `;
   }
+}
+
+/** A camera's remarks without its network clock, of which a remark tells how it was when the camera was opened. */
+function lasting({ remarks }: Camera): string[] {
+  return (remarks ?? []).filter((remark) => !remark.startsWith(CLOCK));
+}
+
+/** What is to be done about a camera that works: as `scand check` judges its remarks and its network clock. */
+function advice(camera: Camera): string[] {
+  const clocks = (camera.health ?? []).filter(([name]) => name === "PTP").map(([, value]) => `${CLOCK}${value}`);
+  const open = [...clocks, ...lasting(camera)].filter((words) => !IN_ORDER.some((form) => form.test(words)));
+  return open.map((words) => (words.startsWith(CLOCK) ? `${said(words)}. ${t("todo_ptp")}` : said(words)));
+}
+
+/** What a camera reports of itself. */
+function measured([name, value]: [string, string]): string {
+  return name === "PTP" ? said(`${CLOCK}${value}`) : `${named(name)} ${value}`;
 }
 
 /** How many captures fit on the disk; null while no camera has told its settings, for then a capture has no size. */

@@ -1,7 +1,7 @@
 // The page as people use it, against the real daemon and simulated cameras.
 import AxeBuilder from "@axe-core/playwright";
 import { randomBytes } from "node:crypto";
-import { readFileSync, readdirSync, statSync } from "node:fs";
+import { readFileSync, readdirSync, renameSync, statSync } from "node:fs";
 import { createConnection } from "node:net";
 import { enter, expect, shot, sign, test, watch } from "./fixtures.mjs";
 import { SCAND, until } from "./rig.mjs";
@@ -150,6 +150,44 @@ test("a look says why there is no outline and no picture", async ({ page, rig })
   await expect(cards.first().locator("img")).toHaveJSProperty("naturalWidth", 320);
 });
 
+test("a look tells what is wrong with a picture, how old it is, and why there is none", async ({ page, rig }) => {
+  await enter(page, rig, "viewer");
+  const picture = await page.evaluate(() => {
+    const canvas = document.createElement("canvas");
+    [canvas.width, canvas.height] = [320, 240];
+    return canvas.toDataURL("image/jpeg").split(",")[1];
+  });
+  const square = [[10, 10], [60, 10], [60, 60], [10, 60]];
+  const size = { width: 320, height: 240, scale: 8 };
+  const light = { clipped_ppm: 30_000, clipped: [square], sharpness_percent: 40 };
+  const away = "no camera answered at 10.0.1.4 (timed out): check its power, cable and address";
+  const cameras = {
+    c00: { age_ms: 6000, picture, seen: { ...size, ...light, outline: [square], touches: ["left", "bottom"] }, words: null },
+    c01: { age_ms: 100, picture: null, seen: null, words: away },
+    kinect: { age_ms: 100, picture, seen: { ...size, readings_percent: 83 }, words: null },
+  };
+  let number = 0;
+  await page.route(/\/api\/look\?/, async (route) => {
+    await new Promise((done) => setTimeout(done, 300));
+    // The page may be gone by then.
+    await route.fulfill({ json: { number: ++number, problem: null, cameras, good: { c00: 80 } } }).catch(() => {});
+  });
+  await page.getByRole("link", { name: "Look" }).click();
+  const [colour, missing, depth] = ["c00", "c01", "kinect"].map((camera) => page.locator(`.look[data-camera=${camera}]`));
+  await expect(colour.locator("img")).toHaveJSProperty("naturalWidth", 320);
+  await expect(colour).toContainText("The object touches the frame: left, bottom");
+  await expect(colour).toContainText("Clipped highlights: 3 %");
+  await expect(colour).toContainText("Sharpness 40; 80 in the last good capture");
+  await expect(colour.locator("li.warning")).toHaveCount(3);
+  await expect(colour.locator("path.clipped")).toHaveAttribute("d", "M10 10L60 10L60 60L10 60Z");
+  await expect(colour.locator("path.clipped")).toHaveAttribute("fill", "url(#hatch)");
+  await expect(colour.locator("p.warning")).toContainText(/[67]\.\d s old/);
+  await expect(depth).toContainText("Pixels with a reading: 83 %");
+  await expect(depth.locator(".warning")).toHaveCount(0);
+  await expect(missing).toContainText(`No picture: ${away}`);
+  await inGerman(page, () => expect(missing).toContainText("Kein Bild: unter 10.0.1.4 antwortet keine Kamera"));
+});
+
 test("a double tap, and a connection that breaks in the middle, take one capture each", async ({ page, rig, expected }) => {
   expected.push("net::ERR");
   await enter(page, rig, "operator", rig.wirePort);
@@ -165,6 +203,26 @@ test("a double tap, and a connection that breaks in the middle, take one capture
   rig.wire.mend();
   await expect(page.locator(".do > .told")).toContainText("safe on the disk", { timeout: 30_000 });
   expect(taken(rig)).toBe(before + 2);
+});
+
+test("a page that is loaded again before the answer to its press came asks for that press, and takes no other capture", async ({ page, rig }) => {
+  await enter(page, rig);
+  const before = taken(rig);
+  const told = page.locator(".do > .told");
+  const pressed = page.waitForRequest("**/api/press");
+  await page.getByRole("button", { name: "Press", exact: true }).click();
+  const { press_id } = (await pressed).postDataJSON();
+  await expect(told).toContainText("safe on the disk");
+  const name = await told.textContent();
+  // What the page keeps of a press until its answer is there.
+  const kept = JSON.stringify({ id: press_id, subject: "", placement: "" });
+  await page.evaluate((kept) => sessionStorage.setItem("scand-press", JSON.stringify({ ...JSON.parse(kept), at: Date.now() })), kept);
+  const again = page.waitForRequest("**/api/press");
+  await page.reload();
+  expect((await again).postDataJSON().press_id).toBe(press_id);
+  await expect(told).toHaveText(name);
+  expect(taken(rig)).toBe(before + 1);
+  expect(await page.evaluate(() => sessionStorage.getItem("scand-press"))).toBe(null);
 });
 
 test("names, numbers and notes full of markup are text", async ({ page, rig, expected }) => {
@@ -238,6 +296,49 @@ test("a tablet that slept shows nothing old when it wakes, by the clock on the w
   await sign(page, "ready", "green", "amber", "red", "failed");
 });
 
+const SIGNS = [
+  "away", "not_ready", "disk_full", "busy", "ready", "ready_without", "capturing", "hands_may_move", "safe", "green", "amber", "red",
+  "failed", "model_failed",
+];
+
+test("each sign has a form and a word of its own, and says what to do, in each language", async ({ page, rig }) => {
+  // What the page's process tells comes from the test.
+  await page.addInitScript(() => {
+    window.EventSource = class extends EventTarget {
+      constructor() {
+        super();
+        window.events = this;
+      }
+      close() {}
+    };
+  });
+  await enter(page, rig, "viewer");
+  const tell = (sign) =>
+    page.evaluate((sign) => {
+      const daemon = { age_ms: 5, session: null, captures_left: 40, models: null, plates_age_h: 1 };
+      const rest = { recording: null, age_ms: 5, last: null, object: null, remade: null, history: 1 };
+      const now = { sign, capture: "a-0001", reasons: ["c00: opening"], daemon, ...rest };
+      window.events.dispatchEvent(new MessageEvent("now", { data: JSON.stringify(now) }));
+    }, sign);
+  const differ = async () => {
+    const [forms, words] = [new Set(), new Set()];
+    for (const name of SIGNS) {
+      await tell(name);
+      await expect(page.locator("[data-sign]")).toHaveAttribute("data-sign", name);
+      await expect(page.locator(".now .hint")).not.toHaveText("");
+      forms.add(await page.locator(".now svg.sign").innerHTML());
+      words.add(await page.locator(".now h1").textContent());
+    }
+    expect([forms.size, words.size]).toEqual([SIGNS.length, SIGNS.length]);
+  };
+  await differ();
+  await inGerman(page, differ);
+  await tell("busy");
+  await expect(page.locator(".now h1")).toHaveText("Please wait");
+  await tell("hands_may_move");
+  await expect(page.locator(".now h1")).toHaveText("Hands may move");
+});
+
 /** Looks at something on the German page, and goes on with the English one. */
 async function inGerman(page, look) {
   await page.getByRole("button", { name: "Deutsch" }).click();
@@ -277,7 +378,7 @@ test("a daemon that is away, a full disk, a camera that is away and a red model 
   await page.getByRole("button", { name: "Press", exact: true }).click();
   await sign(page, "red");
   await shot(page, "red");
-  await inGerman(page, () => expect(page.locator(".now .reasons")).toContainText("nicht im selben Augenblick"));
+  await inGerman(page, () => expect(page.locator(".now .reasons")).toContainText(/Farbkameras liegen \S+ ms auseinander/));
   await rig.stop("cameras", "SIGKILL");
   await page.getByRole("link", { name: "State" }).click();
   await expect(page.locator("main")).toContainText("is away", { timeout: 40_000 });
@@ -305,6 +406,34 @@ test("a daemon that is away, a full disk, a camera that is away and a red model 
   rig.inside("cameras", SCAND, ["simulate", "--serve", "served.mcap"]);
   await sign(page, "ready");
   rig.options.goOn = false;
+});
+
+test("without background pictures the page says so before a press, and afterwards why there is no model", async ({ page, rig }) => {
+  await rig.prepare();
+  await enter(page, rig);
+  await rig.stop("daemon");
+  const [plates, aside] = ["recordings/plates", "plates-aside"].map((name) => rig.path(name));
+  renameSync(plates, aside);
+  try {
+    await rig.startDaemon();
+    await sign(page, "ready");
+    await expect(page.locator(".now .hint")).toContainText("first take background pictures");
+    await page.getByRole("button", { name: "Press", exact: true }).click();
+    await sign(page, "model_failed");
+    await expect(page.locator(".now h1")).toHaveText("No model");
+    const reason = page.locator(".now .reasons li").first();
+    await expect(reason).toContainText("background");
+    await inGerman(page, () => expect(reason).toContainText("gibt es kein Hintergrundbild"));
+    // The capture is there all the same.
+    await page.locator(".facts a").click();
+    await expect(page.locator("p.row > .verdict")).toContainText("No model");
+    await expect(page.locator(".photographs button")).toHaveCount(rig.options.cameras);
+    await expect(page.locator("canvas")).toHaveCount(0);
+  } finally {
+    await rig.stop("daemon");
+    renameSync(aside, plates);
+    await rig.startDaemon();
+  }
 });
 
 test("a small form of the model and of the preview is made once, and is what browsers load", async ({ page, rig }) => {
@@ -452,6 +581,12 @@ test("a model is compared with one of the same object in an earlier session", as
   await expect(page.locator("[data-apart]")).toContainText(/\d\.\d\d/, { timeout: 60_000 });
   await page.locator("[data-compared] thead a").click();
   await expect(page.locator("h1")).toHaveText(earlier[1]);
+  // In the history, an earlier session is chosen from the list.
+  await page.evaluate(() => (location.hash = "#/history"));
+  await page.locator("#recording").selectOption(earlier[0]);
+  await expect(page.getByRole("heading", { name: `Captures of ${earlier[0]}` })).toBeVisible();
+  await expect(page.locator(".strip li").filter({ hasText: earlier[1] })).toHaveCount(1);
+  await expect(page.locator(".strip li").filter({ hasText: later[1] })).toHaveCount(0);
 });
 
 test("captures of today are in the history after the daemon and the page were started again", async ({ page, rig }) => {
@@ -552,6 +687,8 @@ test("reasons are in the page's language, and a list that is cut says so", async
   const reasons = [
     { level: "red", code: "frame_cut", words: "c03 cuts it" },
     { level: "amber", code: "of_another_version", words: "<b>new</b>" },
+    { level: "amber", code: "blurred", words: "the object's outline is blurred: c00 (3.0 px), c02 (2.1 px), 2 more" },
+    { level: "amber", code: "depth_biased", words: "depth is off by more than its calibration allows: kinect (5.1 mm more); 9.3 mm in all" },
   ];
   const capture = { capture: "fake-0001", recording: "fake", verdict: "red", reasons, subject: null, placement: null, time_s: null };
   const rest = { decision: null, notes: [], has_preview: false, has_model: false, model_tag: null };
@@ -565,7 +702,52 @@ test("reasons are in the page's language, and a list that is cut says so", async
   await page.locator(".strip a").click();
   await expect(page.locator("main")).toContainText("Rand eines Bildes. c03 cuts it");
   await expect(page.locator("main")).toContainText("<b>new</b>");
+  // The details are the daemon's; those that the catalogue has are in the page's language, and the others marked.
+  await expect(page.locator("main")).toContainText("der Umriss des Objekts ist unscharf: c00 (3.0 px), c02 (2.1 px), 2 weitere");
+  await expect(page.locator("main")).toContainText("kinect (5.1 mm mehr); insgesamt 9.3 mm");
+  await expect(page.locator("main [lang=en]")).toHaveText(["c03 cuts it", "<b>new</b>"]);
   await page.getByRole("button", { name: "English" }).click();
+  await expect(page.locator("main")).toContainText("the object's outline is blurred: c00 (3.0 px), c02 (2.1 px), 2 more");
+});
+
+test("what to do is what is wrong now, as `scand check` judges it, in the page's language", async ({ page, rig }) => {
+  await enter(page, rig, "viewer");
+  const ready = { kind: "color", state: "ready", words: "Maker M1, serial 42, firmware 1.2, at 10.0.1.3", lost_frames: 0 };
+  const clock = (words) => ["PTP", words];
+  const c00 = {
+    ...ready,
+    health: [["temperature", "31.2 °C"], clock("Slave, 120 ns from its master")],
+    // How its clock was when it was opened, and a value that the camera rounded.
+    remarks: ["PTP: Listening, expected Slave or Master"],
+    settings: [["ExposureTime", "8000", "7998.5"]],
+  };
+  const kinect = { ...ready, kind: "depth", words: "Kinect, serial number 7, usb", remarks: ["a raw reading counts millimetres"] };
+  const status = { cameras: { c00, kinect }, capture_bytes: 1, captures_left: 500, plates_age_h: 1, calibration_age_h: 1 };
+  status.models = { waiting: 2, running: [{ capture: "a-0001", seconds: 3 }], expected_s: 95 };
+  await page.route("**/api/state", (route) => route.fulfill({ json: { status, age_ms: 5 } }));
+  await page.getByRole("link", { name: "State" }).click();
+  const main = page.locator("main");
+  await expect(main).toContainText("Nothing is wrong.");
+  await expect(main).toContainText("temperature 31.2 °C · PTP: Slave, 120 ns from its master");
+  await expect(main).toContainText("Models to be made: 3, done in about 2 min");
+  await expect(main).not.toContainText("Listening");
+  await inGerman(page, async () => {
+    await expect(main).toContainText("Alles in Ordnung.");
+    await expect(main).toContainText("Temperatur 31.2 °C · PTP: Slave, 120 ns Abstand von der führenden Uhr");
+    await expect(main).toContainText("Seriennummer 42");
+    await expect(main).toContainText("ein roher Messwert zählt Millimeter");
+    await expect(main.locator("[lang=en]")).toHaveCount(0);
+  });
+  c00.health = [clock("the clock is 900000 ns from its master, expected at most 100000 ns")];
+  kinect.lost_frames = 7;
+  status.plates_age_h = 13;
+  const todo = main.locator("section.card").first().locator("li");
+  await expect(todo).toHaveText([
+    /^c00: PTP: the clock is 900000 ns .* Run a PTP master/,
+    /^kinect lost frames since the daemon started \(7\): check its link/,
+    /^The background pictures are 13 h old/,
+  ]);
+  await inGerman(page, () => expect(todo.first()).toContainText("erlaubt sind 100000 ns. Lassen Sie im Netz der Kameras"));
 });
 
 test("a tone is played once for its news, and not again when the connection is back", async ({ page, rig, expected }) => {
@@ -639,6 +821,7 @@ test("of several captures of an object the page tells how they lie, and makes th
   const [registered, fused] = [object.locator("[data-registered]"), object.locator("[data-fused]")];
   await expect(object).toContainText(`Object ${number}`, slow);
   await expect(registered).toContainText(second, slow);
+  await inGerman(page, () => expect(registered.locator("[lang=en]")).toHaveCount(0));
   await expect(object).toContainText("No camera has seen");
   await expect(object.locator(".next")).toHaveText(/^\s*(Show next: \S|There is no further side to show)/);
   await expect(fused.getByRole("link", { name: "Model of all captures" })).toBeVisible(slow);
@@ -950,6 +1133,16 @@ test("the keyboard alone presses, and the page speaks German", async ({ page, ri
   await expect(page.locator(".do > .told")).toContainText("sicher gespeichert");
   expect(taken(rig)).toBe(before + 1);
   await page.getByRole("button", { name: "English" }).click();
+});
+
+test("a session that is ended on the page is over, and the next one needs a link of its own", async ({ page, rig, expected }) => {
+  expected.push("401");
+  await enter(page, rig, "viewer");
+  await page.getByRole("button", { name: "End this session" }).click();
+  await expect(page.locator("pre")).toHaveText("scand page pair");
+  await page.reload();
+  await expect(page.locator("pre")).toHaveText("scand page pair");
+  await expect(page.locator("nav")).toHaveCount(0);
 });
 
 test("a session that is revoked is over at once, its page says so, and its secrets are nowhere", async ({ page, rig, expected }) => {

@@ -120,11 +120,16 @@ fn details(camera: &Value) -> String {
     }
     let health = camera["health"].as_array().into_iter().flatten();
     let told: Vec<String> = health
+        .clone()
         .map(|h| format!("{} {}", part(h, 0), part(h, 1)))
         .collect();
     lines.extend((!told.is_empty()).then(|| told.join(", ")));
+    // A remark tells how the clock was when the camera was opened; what it reports about itself is newer.
+    let is_clock_told = health.clone().any(|h| part(h, 0) == "PTP");
     let remarks = camera["remarks"].as_array().into_iter().flatten();
-    lines.extend(remarks.filter_map(|r| r.as_str().map(Into::into)));
+    let remarks = remarks.filter_map(|r| r.as_str());
+    let lasting = remarks.filter(|r| !(is_clock_told && r.starts_with("PTP: ")));
+    lines.extend(lasting.map(Into::into));
     lines.extend((!same.is_empty()).then(|| format!("as asked for: {}", same.join(", "))));
     lines
         .iter()
@@ -150,7 +155,7 @@ mod tests {
                     "state": "ready", "words": "Acme, serial 7", "lost_frames": 2,
                     "settings": [["ExposureTime", "8000", "7996"], ["Gain", "0", "0"]],
                     "health": [["temperature", "41.5 °C"], ["PTP", "Slave, 120 ns from its master"]],
-                    "remarks": ["its packets have 1500 bytes"],
+                    "remarks": ["PTP: Listening, expected Slave or Master", "its packets have 1500 bytes"],
                 },
                 "c01": { "state": "away", "words": "no answer" },
             },
@@ -172,6 +177,8 @@ mod tests {
         ] {
             assert!(status.contains(line), "{line}:\n{status}");
         }
+        // As its clock was when the camera was opened.
+        assert!(!status.contains("Listening"), "{status}");
         // A daemon that says nothing of this is no reason to fail.
         let other = super::status(&serde_json::json!({ "cameras": [{ "id": "c00" }] }));
         assert!(other.contains("cameras    unknown"), "{other}");

@@ -1,5 +1,5 @@
 // What the daemon says in words alone, in the page's language: the catalogue has its sentences, with names in place of
-// what differs. A sentence that it does not have stays as the daemon said it.
+// what differs, and parts of lists and of other sentences. What it does not have stays as the daemon said it.
 import { html, type TemplateResult } from "lit";
 import { en } from "./en";
 import { isKey, type Key, language, t } from "./index";
@@ -10,59 +10,161 @@ interface Sentence {
   pattern: RegExp;
 }
 
-/** A longer text is no single sentence. */
-const LONGEST = 500;
+/** A piece of what is shown. One that the catalogue does not have stays English. */
+interface Piece {
+  words: string;
+  isForeign: boolean;
+}
 
-const sentences: Sentence[] = Object.keys(en)
-  .filter(isKey)
-  .filter((key) => key.startsWith("said_"))
-  .map(sentence);
+/** A longer text is no single sentence. A text of more parts between semicolons is not looked through. */
+const LONGEST = 500;
+const MOST_OF_ALL = 60;
+/** Most parts between semicolons that one sentence of the daemon has. */
+const MOST_PARTS = 6;
+/** Texts of which it is remembered what they are in the page's language. */
+const MOST_REMEMBERED = 500;
+/** What may stand for a name, by the name; for any other name there may be anything. */
+const HELD: [RegExp, string][] = [
+  [/^n(_\w+)?$/, "([-+]?\\d[\\d.]*)"],
+  [/^share(_\w+)?$/, "(-?[\\d.]+ %)"],
+  // Such as "3 places"; other languages have the number alone.
+  [/^count$/, "(\\d+) [a-z ]+?"],
+  [/^length$/, "(-?[\\d.]+ mm)"],
+  [/^(camera|name)$/, "([\\w.-]+)"],
+  [/^cameras$/, "([^;]+?)"],
+  [/^kind$/, "(colour|depth)"],
+  // Where there may be nothing.
+  [/^rest$/, "((?:: .+)?)"],
+  [/^doubts$/, "((?:; .+)?)"],
+  [/^place$/, "((?: \\(.+\\))?)"],
+];
+/** Names of what the daemon says in words: a sentence of its own, or several. */
+const SPOKEN = ["reason", "why", "words", "consequence", "shortfall", "rest", "doubts", "place"];
+/** Names in the place of which people's own names stand, such as a camera's; these have no spaces. */
+const NAMED = ["camera", "name", "capture", "other"];
+const NAMES = /\{(\w+)\}/;
+
+const sentences = ofCatalogue("said_");
+const parts = ofCatalogue("part_");
+const remembered = new Map<string, Piece[]>();
+
+function ofCatalogue(prefix: string): Sentence[] {
+  return Object.keys(en)
+    .filter(isKey)
+    .filter((key) => key.startsWith(prefix))
+    .map(sentence);
+}
 
 /** The daemon's sentence under a key: its English words, and what stands where they have a name. */
 function sentence(key: Key): Sentence {
   const names: string[] = [];
-  const parts = en[key].split(/\{(\w+)\}/).map((part, place) => {
-    if (place % 2 === 0) return part.replace(/[.*+?^${}()|[\]\\]/g, "\\$&");
-    names.push(part);
-    return "(.+?)";
+  // The beginning joins some sentences to the one before.
+  const pieces = en[key].replace(/^; /, "").split(NAMES);
+  const pattern = pieces.map((piece, place) => {
+    if (place % 2 === 0) return piece.replace(/[.*+?^${}()|[\]\\]/g, "\\$&");
+    names.push(piece);
+    return held(piece);
   });
-  return { key, names, pattern: new RegExp(`^${parts.join("")}$`) };
+  return { key, names, pattern: new RegExp(`^${pattern.join("")}$`) };
 }
 
-/** A sentence in the page's language; null if the catalogue does not have it. */
-function known(text: string): string | null {
-  for (const { key, names, pattern } of sentences) {
+/** What may stand for a name, as a pattern. */
+function held(name: string): string {
+  return HELD.find(([names]) => names.test(name))?.[1] ?? "(.+?)";
+}
+
+function own(words: string): Piece {
+  return { words, isForeign: false };
+}
+
+function foreign(words: string): Piece {
+  return { words, isForeign: true };
+}
+
+/** A text in the page's language by the first sentence that it is; null if it is none. */
+function matched(text: string, known: Sentence[]): Piece[] | null {
+  for (const { key, names, pattern } of known) {
     const found = pattern.exec(text);
-    if (found) return t(key, Object.fromEntries(names.map((name, place) => [name, found[place + 1]])));
+    if (!found) continue;
+    const values = new Map(names.map((name, place): [string, string] => [name, found[place + 1]]));
+    const pieces = t(key).split(NAMES);
+    return pieces.flatMap((piece, place) => (place % 2 === 0 ? [own(piece)] : inPlace(piece, values.get(piece) ?? "")));
   }
   return null;
 }
 
-/** The same of a sentence that may begin with the camera that it is about. */
-function knownOfCamera(text: string): string | null {
-  const whole = known(text);
-  if (whole !== null) return whole;
-  const [, camera, rest] = /^(?:camera )?([\w.-]+): (.+)$/.exec(text) ?? [];
-  const words = rest ? known(rest) : null;
-  return words === null ? null : `${camera}: ${words}`;
+/** What stands in place of a name. */
+function inPlace(name: string, value: string): Piece[] {
+  if (name === "cameras") return [own(value.split(", ").map(ofList).join(", "))];
+  const part = NAMED.includes(name) && !value.includes(" ") ? null : matched(value, parts);
+  if (part !== null || !SPOKEN.includes(name) || value === "") return part ?? [own(value)];
+  const begin = /^(?:; |: )?/.exec(value)?.[0] ?? "";
+  return [own(begin), ...several(value.slice(begin.length))];
 }
 
-/** What the daemon said, in the page's language as far as the catalogue has it, and whether it has all of it. */
-function translated(text: string): { words: string; isWhole: boolean } {
-  if (language() === "en" || text.length > LONGEST) return { words: text, isWhole: language() === "en" };
-  const whole = knownOfCamera(text);
-  if (whole !== null) return { words: whole, isWhole: true };
-  const parts = text.split("; ").map((part) => [knownOfCamera(part), part]);
-  return { words: parts.map(([words, part]) => words ?? part).join("; "), isWhole: parts.every(([words]) => words !== null) };
+/** One of a list of cameras: `c00`, `c00 (3.1 px)` or `3 more`. */
+function ofList(one: string): string {
+  const [, name, value] = /^([^ ]+) \((.+)\)$/.exec(one) ?? [];
+  if (value !== undefined) return `${name} (${named(value)})`;
+  return one.includes(" ") ? named(one) : one;
+}
+
+/** The same of a sentence that may begin with the camera or the capture that it is about. */
+function ofCamera(text: string): Piece[] | null {
+  if (text.length > LONGEST) return null;
+  const whole = matched(text, sentences);
+  if (whole !== null) return whole;
+  const [, about, rest] = /^(?:camera |capture )?([\w.-]+(?: of [\w.-]+)?): (.+)$/.exec(text) ?? [];
+  const words = rest ? ofCamera(rest) : null;
+  return words && [own(`${about}: `), ...words];
+}
+
+/** Sentences between semicolons, some of which have semicolons themselves. */
+function several(text: string): Piece[] {
+  const all = text.split("; ");
+  if (all.length > MOST_OF_ALL) return [foreign(text)];
+  const pieces: Piece[] = [];
+  for (let begin = 0; begin < all.length; ) {
+    let end = Math.min(all.length, begin + MOST_PARTS);
+    let found = ofCamera(all.slice(begin, end).join("; "));
+    while (found === null && --end > begin) found = ofCamera(all.slice(begin, end).join("; "));
+    if (begin > 0) pieces.push(own("; "));
+    pieces.push(...(found ?? [foreign(all[begin])]));
+    begin = Math.max(end, begin + 1);
+  }
+  return pieces;
+}
+
+/** What the daemon said, in the page's language as far as the catalogue has it. */
+function translated(text: string): Piece[] {
+  if (language() === "en" || text === "") return [own(text)];
+  const key = `${language()} ${text}`;
+  const pieces = remembered.get(key) ?? several(text);
+  if (remembered.size >= MOST_REMEMBERED) remembered.clear();
+  remembered.set(key, pieces);
+  return pieces;
 }
 
 /** What the daemon said, as text. */
 export function said(text: string): string {
-  return translated(text).words;
+  return translated(text)
+    .map(({ words }) => words)
+    .join("");
+}
+
+/** Whether the catalogue has all of what the daemon said. */
+export function isSaid(text: string): boolean {
+  return translated(text).every(({ isForeign }) => !isForeign);
 }
 
 /** What the daemon said, marked as English where the catalogue does not have it. */
 export function spoken(text: string): TemplateResult {
-  const { words, isWhole } = translated(text);
-  return isWhole ? html`${words}` : html`<span lang="en">${words}</span>`;
+  const pieces = translated(text);
+  return html`${pieces.map(({ words, isForeign }) => (isForeign ? html`<span lang="en">${words}</span>` : words))}`;
+}
+
+/** A name or a value of the daemon's, such as that of a setting, in the page's language if the catalogue has it. */
+export function named(text: string): string {
+  const found = language() === "en" ? null : matched(text, parts);
+  return found ? found.map(({ words }) => words).join("") : text;
 }

@@ -44,24 +44,28 @@ pub(super) fn judge(capture: &CaptureFacts, parameters: &Parameters, into: &mut 
 
 /// A model is no better than its calibration.
 fn doubted(calibration: &calibration::CalibrationVerdict) -> Option<Reason> {
-    let (level, worth) = match calibration.level {
+    let reasons = &calibration.reasons;
+    let first = reasons.first().map_or(String::new(), |r| format!(": {r}"));
+    let why = match reasons.len() {
+        0 | 1 => first,
+        all => format!("{first} ({all} reasons in all)"),
+    };
+    let (level, words) = match calibration.level {
         calibration::CalibrationLevel::Good | calibration::CalibrationLevel::Accepted => {
             return None;
         }
-        calibration::CalibrationLevel::Doubtful => (Level::Amber, "is doubtful"),
-        calibration::CalibrationLevel::Refused => (Level::Red, "was refused"),
-    };
-    let reasons = &calibration.reasons;
-    let first = reasons.first().map_or(String::new(), |r| format!(": {r}"));
-    let more = match reasons.len() {
-        0 | 1 => String::new(),
-        more => format!(" ({} reasons in all)", more),
+        calibration::CalibrationLevel::Doubtful => {
+            (Level::Amber, format!("the calibration is doubtful{why}"))
+        }
+        calibration::CalibrationLevel::Refused => {
+            (Level::Red, format!("the calibration was refused{why}"))
+        }
     };
     Some(Reason {
         level,
         code: ReasonCode::CalibrationDoubtful,
         cameras: Vec::new(),
-        words: format!("the calibration {worth}{first}{more}"),
+        words,
     })
 }
 

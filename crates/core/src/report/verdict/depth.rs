@@ -70,26 +70,21 @@ fn only_a_hull(
 
 fn without_depth(blind: &[&DepthMeasures], all: bool) -> Reason {
     let names: Vec<&str> = blind.iter().map(|d| d.camera.as_str()).collect();
-    let is_one = names.len() == 1;
+    let (is_one, names) = (names.len() == 1, names.join(", "));
     let consequence = match (all, is_one) {
         (true, _) => HOLLOWS_FILLED,
         (false, true) => "what only it sees stays the visual hull",
         (false, false) => "what only they see stays the visual hull",
     };
-    let subject = if is_one {
-        "depth camera"
-    } else {
-        "depth cameras"
+    let words = match is_one {
+        true => format!("depth camera {names} has no reading of the object: {consequence}"),
+        false => format!("depth cameras {names} have no reading of the object: {consequence}"),
     };
-    let verb = if is_one { "has" } else { "have" };
     Reason {
         level: Level::Amber,
         code: ReasonCode::NoDepth,
         cameras: blind.iter().map(|d| d.camera.clone()).collect(),
-        words: format!(
-            "{subject} {} {verb} no reading of the object: {consequence}",
-            names.join(", ")
-        ),
+        words,
     }
 }
 

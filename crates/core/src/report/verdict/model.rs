@@ -21,12 +21,12 @@ pub(super) fn judge(measured: &Measurements, parameters: &Parameters, into: &mut
         handles(model, parameters),
         opened_by_depth(model, parameters),
         unpainted(model, parameters),
-        dropped(model.dropped_hull_pieces, "beside the hull", parameters),
-        dropped(
-            model.dropped_carved_pieces,
-            "that carving cut off",
-            parameters,
-        ),
+        dropped(model.dropped_hull_pieces, parameters, |pieces, were| {
+            format!("{pieces} beside the hull {were} dropped")
+        }),
+        dropped(model.dropped_carved_pieces, parameters, |pieces, were| {
+            format!("{pieces} that carving cut off {were} dropped")
+        }),
     ];
     into.extend(found.into_iter().flatten());
 }
@@ -163,16 +163,17 @@ fn unpainted(model: &ModelMeasures, parameters: &Parameters) -> Option<Reason> {
     })
 }
 
-fn dropped(count: usize, which: &str, parameters: &Parameters) -> Option<Reason> {
+fn dropped(
+    count: usize,
+    parameters: &Parameters,
+    in_words: impl FnOnce(&str, &str) -> String,
+) -> Option<Reason> {
     if count == 0 {
         return None;
     }
     let level = parameters.dropped_pieces.level(count as f64);
     let were = if count == 1 { "was" } else { "were" };
-    let words = format!(
-        "{} {which} {were} dropped",
-        words::count(count, "stray piece")
-    );
+    let words = in_words(&words::count(count, "stray piece"), were);
     let level = level.unwrap_or(Level::Green);
     Some(reason(level, ReasonCode::PiecesDropped, words))
 }
