@@ -78,6 +78,8 @@ impl Captured {
     fn new(shape: Shape, seed: u64, width: usize, errors: Errors) -> Self {
         let mut options = Options {
             shape,
+            // Coarser, the truth's own facets would be a part of the angles.
+            spacing_mm: 0.7,
             seed,
             width,
             height: width * 3 / 4,

@@ -11,14 +11,18 @@ const SAMPLES: usize = 8;
 const PRIOR: f32 = 4.0;
 /// How far a colour may be from a sample's and still be the same surface, as a share.
 const TEXTURE: f32 = 0.05;
+/// How much darker or brighter than a sample the object may be beside it, as a share: a surface that turns away towards
+/// its outline, or down into its own shadow, keeps its hue but not its brightness.
+const SHADING: f32 = 0.2;
 
 /// What is beside a cell.
 struct CellNeighbors {
-    /// The object's colours in linear light, per channel; places that are not taken hold a colour that no
-    /// pixel is near.
+    /// The object's colours in linear light, per channel; only the first `objects` count.
     object: [[f32; SAMPLES]; 3],
     /// Reciprocal variances of the distance to each.
     weight: [[f32; SAMPLES]; 3],
+    /// Sum of the weighted squares of each one's channels.
+    square: [f32; SAMPLES],
     objects: usize,
     /// The backdrop's light over the expected: less in a shadow, more under spill.
     shade: [f32; 3],
@@ -93,12 +97,12 @@ fn beside(
     (cx, cy): (usize, usize),
     offsets: &[(isize, isize)],
 ) -> CellNeighbors {
-    const FAR: f32 = 1e3;
     let plate = three(|c| (band.cells.plate[(cx, cy)][c] + 0.5) as usize);
     let weight = three(|c| colors.weight[c][plate[c]]);
     let mut beside = CellNeighbors {
-        object: [[FAR; SAMPLES]; 3],
-        weight: [[1.0; SAMPLES]; 3],
+        object: [[0.0; SAMPLES]; 3],
+        weight: [[0.0; SAMPLES]; 3],
+        square: [0.0; SAMPLES],
         objects: 0,
         shade: [1.0; 3],
         backdrop_weight: three(|c| textured(weight[c], colors.expected[c][plate[c]])),
@@ -112,8 +116,10 @@ fn beside(
         if band.object[(x, y)] && beside.objects < SAMPLES {
             let light = srgb::decode_pixel(band.cells.picture[(x, y)]);
             for c in 0..3 {
+                let weight = textured(weight[c], light[c]);
                 beside.object[c][beside.objects] = light[c];
-                beside.weight[c][beside.objects] = textured(weight[c], light[c]);
+                beside.weight[c][beside.objects] = weight;
+                beside.square[beside.objects] += weight * light[c] * light[c];
             }
             beside.objects += 1;
         } else if !band.object[(x, y)] && backdrops < SAMPLES {
@@ -139,25 +145,24 @@ fn beside(
 fn preference(colors: &Colors, beside: &CellNeighbors, x: usize, y: usize) -> f32 {
     let (light, expected) = (colors.light(x, y), colors.expected(x, y));
     let mut to_backdrop = 0.0;
-    let mut distances = [0.0f32; SAMPLES];
+    let (mut square, mut product) = ([0.0f32; SAMPLES], [0.0f32; SAMPLES]);
     for c in 0..3 {
         let off = light[c] - expected[c] * beside.shade[c];
         to_backdrop += beside.backdrop_weight[c] * off * off;
-        for ((distance, sample), weight) in distances
-            .iter_mut()
-            .zip(&beside.object[c])
-            .zip(&beside.weight[c])
-        {
-            *distance += weight * (light[c] - sample) * (light[c] - sample);
+        for i in 0..SAMPLES {
+            let weighted = beside.weight[c][i] * light[c];
+            square[i] += weighted * light[c];
+            product[i] += weighted * beside.object[c][i];
         }
     }
-    // Where no cell shows the object alone (it is thin), whatever differs clearly is object.
-    let to_object = if beside.objects == 0 {
-        16.0
-    } else {
-        distances.iter().copied().fold(f32::MAX, f32::min)
+    // The least of |light - s sample|² + ((s - 1) / SHADING)² over all s.
+    let known = 1.0 / (SHADING * SHADING);
+    let distance = |i: usize| {
+        square[i] + known - (product[i] + known).powi(2) / (beside.square[i] + known)
     };
-    to_backdrop - to_object
+    // Where no cell shows the object alone (it is thin), whatever differs clearly is object.
+    let to_object = (0..beside.objects).map(distance).reduce(f32::min);
+    to_backdrop - to_object.unwrap_or(16.0)
 }
 
 /// Lets single pixels follow the majority of the nine around them.
