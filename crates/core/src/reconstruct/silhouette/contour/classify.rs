@@ -157,9 +157,8 @@ fn preference(colors: &Colors, beside: &CellNeighbors, x: usize, y: usize) -> f3
     }
     // The least of |light - s sample|² + ((s - 1) / SHADING)² over all s.
     let known = 1.0 / (SHADING * SHADING);
-    let distance = |i: usize| {
-        square[i] + known - (product[i] + known).powi(2) / (beside.square[i] + known)
-    };
+    let distance =
+        |i: usize| square[i] + known - (product[i] + known).powi(2) / (beside.square[i] + known);
     // Where no cell shows the object alone (it is thin), whatever differs clearly is object.
     let to_object = (0..beside.objects).map(distance).reduce(f32::min);
     to_backdrop - to_object.unwrap_or(16.0)
