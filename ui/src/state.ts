@@ -163,15 +163,21 @@ class StatePart extends Part {
   }
 }
 
-/** A camera's remarks without its network clock, of which a remark tells how it was when the camera was opened. */
-function lasting({ remarks }: Camera): string[] {
-  return (remarks ?? []).filter((remark) => !remark.startsWith(CLOCK));
+/** What a camera reports of its network clock now: one text, or none. */
+function clocks({ health }: Camera): string[] {
+  return (health ?? []).filter(([name]) => name === "PTP").map(([, value]) => `${CLOCK}${value}`);
+}
+
+/** A camera's remarks; where it reports its network clock, without what a remark tells of that: how it was when the
+ * camera was opened. */
+function lasting(camera: Camera): string[] {
+  const isClockTold = clocks(camera).length > 0;
+  return (camera.remarks ?? []).filter((remark) => !isClockTold || !remark.startsWith(CLOCK));
 }
 
 /** What is to be done about a camera that works: as `scand check` judges its remarks and its network clock. */
 function advice(camera: Camera): string[] {
-  const clocks = (camera.health ?? []).filter(([name]) => name === "PTP").map(([, value]) => `${CLOCK}${value}`);
-  const open = [...clocks, ...lasting(camera)].filter((words) => !IN_ORDER.some((form) => form.test(words)));
+  const open = [...clocks(camera), ...lasting(camera)].filter((words) => !IN_ORDER.some((form) => form.test(words)));
   return open.map((words) => (words.startsWith(CLOCK) ? `${said(words)}. ${t("todo_ptp")}` : said(words)));
 }
 
