@@ -12,6 +12,8 @@ pub fn cameras(cameras: &Value) -> Vec<Finding> {
 
 /// How what is said of a camera's PTP clock begins.
 const CLOCK: &str = "PTP: ";
+/// How remarks begin that tell how a depth camera is and leave nothing to be done.
+const IN_ORDER: [&str; 2] = ["a raw reading counts ", "a file of OpenNI's: "];
 
 fn one(id: &str, camera: &Value) -> Vec<Finding> {
     let subject = format!("camera {id}");
@@ -51,9 +53,12 @@ fn one(id: &str, camera: &Value) -> Vec<Finding> {
     findings
 }
 
-/// A remark of a camera is advice, except about its PTP clock: that is in order if it follows a master, and wrong if
-/// not.
+/// A remark of a camera is advice, except about what is in order, and about its PTP clock: that is in order if it
+/// follows a master, and wrong if not.
 fn judge_remark(subject: &str, remark: &str) -> Finding {
+    if IN_ORDER.iter().any(|begin| remark.starts_with(begin)) {
+        return Finding::ok(subject, remark);
+    }
     let Some(state) = remark.strip_prefix(CLOCK) else {
         let remedy = "docs/cameras.md";
         return Finding::not_ok(State::Advice, subject, remark, remedy);
@@ -95,6 +100,8 @@ mod tests {
                 "remarks": ["PTP: Listening, expected Slave or Master"], "lost_frames": 7},
             "c02": {"state": "away", "words": "no answer from 10.0.1.3"},
             "c03": {"state": "ready", "words": "Maker M2", "remarks": ["its packets have 1500 bytes"]},
+            "kinect": {"state": "ready", "words": "Kinect", "remarks": ["a raw reading counts millimetres",
+                "a file of OpenNI's: its frames are stamped when they are read"]},
         });
         let findings = cameras(&status);
         let of = |id: &str| -> Vec<State> {
@@ -109,6 +116,7 @@ mod tests {
         );
         assert_eq!(of("c02"), [State::Wrong]);
         assert_eq!(of("c03"), [State::Ok, State::Advice]);
+        assert_eq!(of("kinect"), [State::Ok; 3]);
         assert!(
             findings
                 .iter()
