@@ -76,7 +76,7 @@ fn simulated_contours_are_found_to_a_fraction_of_a_pixel() {
     }
 }
 
-/// A cup that lies on the table is in its own shadow below, grey in the light of a blue table.
+/// A cup that lies on the table is in its own shadow below, and grey in the light that the blue table reflects.
 #[test]
 fn a_surface_that_darkens_into_its_own_shadow_keeps_its_outline() {
     let options = Options {

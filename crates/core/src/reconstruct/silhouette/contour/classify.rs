@@ -11,8 +11,8 @@ const SAMPLES: usize = 8;
 const PRIOR: f32 = 4.0;
 /// How far a colour may be from a sample's and still be the same surface, as a share.
 const TEXTURE: f32 = 0.05;
-/// How much darker or brighter than a sample the object may be beside it, as a share: a surface that turns away towards
-/// its outline, or down into its own shadow, keeps its hue but not its brightness.
+/// How much darker or brighter than a sample the object is beside it, as a share, one standard deviation: a surface
+/// that turns away towards its outline, or down into its own shadow, keeps its hue but not its brightness.
 const SHADING: f32 = 0.2;
 
 /// What is beside a cell.
