@@ -100,7 +100,7 @@ fn a_model_that_another_process_puts_into_place_meanwhile_stays() {
     assert_eq!(std::fs::read_dir(home.path()).unwrap().count(), 1);
 }
 
-/// Fuses the three captures, of which the object did not move; the model has the frame of capture `upright`.
+/// Fuses the three captures, between which the object did not move; the model has the frame of capture `upright`.
 fn fuse(recording: &Path, out: &Path, poses: &Path, upright: &str) -> Command {
     let mut command = scand();
     command.arg("fuse").arg(recording);

@@ -1,11 +1,12 @@
 //! What depth takes off where silhouettes claim too much: below the rim of a tray, and in the corners of steps. All
 //! colour cameras look down from 46 degrees, so that silhouettes fill the space below the rim, and the corners.
 
+use crate::reconstruction::run;
 use nalgebra::{Point3, Vector3};
 use scand::evaluate::load::LoadedModel;
 use scand::evaluate::{self, evaluate};
-use scand::mesh::{self, Bvh, Mesh};
-use scand::reconstruct::{Method, NoProgress, Parameters, Reconstruction, reconstruct};
+use scand::mesh::{Bvh, Mesh};
+use scand::reconstruct::{Method, Reconstruction};
 use scand_lab::{Options, Response, Shape, Simulation};
 
 /// A shape before eight colour cameras above it and a depth camera, whose view is so far from straight down. The
@@ -25,15 +26,10 @@ fn from_above(shape: Shape, depth_slant_deg: f64) -> Options {
     options
 }
 
-fn made(simulated: &Simulation, method: Method) -> Reconstruction {
-    let parameters = Parameters {
-        method,
-        ..Parameters::default()
-    };
-    let found = reconstruct(&simulated.scene(0), &parameters, &NoProgress).unwrap();
-    let report = mesh::check(&found.model.mesh);
-    assert!(report.is_watertight(), "{method:?}: {report:?}");
-    found
+/// The hull, and the model that depth had a part in.
+fn hull_and_hybrid(simulated: &Simulation) -> [Reconstruction; 2] {
+    let scene = simulated.scene(0);
+    [Method::Hull, Method::Hybrid].map(|method| run(&scene, method))
 }
 
 /// How far a model is off.
@@ -103,7 +99,7 @@ mod long {
     /// The hull and the model that depth had a part in, and how far each is off. Depth took nothing off the truth, of
     /// which the hull itself may lack a little at edges that fairing rounded.
     fn without_and_with_depth(simulated: &Simulation) -> ([Reconstruction; 2], [Off; 2]) {
-        let models = [Method::Hull, Method::Hybrid].map(|method| made(simulated, method));
+        let models = hull_and_hybrid(simulated);
         let off = models
             .each_ref()
             .map(|found| Off::of(found, simulated.truth()));
@@ -168,7 +164,7 @@ mod long {
             (Shape::Prism, 65.0),
         ] {
             let simulated = seen_from_above(shape, slant_deg);
-            let [hull, hybrid] = [Method::Hull, Method::Hybrid].map(|m| made(&simulated, m));
+            let [hull, hybrid] = hull_and_hybrid(&simulated);
             let count = hybrid.depths[0].regions.count;
             assert_eq!(count, 0, "{shape:?} at {slant_deg} degrees");
             assert!(hybrid.model.mesh == hull.model.mesh, "{shape:?}");

@@ -25,7 +25,8 @@ fn simulation(shape: Shape, change: impl FnOnce(&mut Options)) -> Simulation {
     Simulation::new(options).unwrap()
 }
 
-fn run(scene: &Scene, method: Method) -> Reconstruction {
+/// The model that a method makes of a scene, which must be a closed surface.
+pub fn run(scene: &Scene, method: Method) -> Reconstruction {
     let parameters = Parameters {
         method,
         ..Parameters::default()

@@ -4,7 +4,8 @@
 use crate::desk::{Desk, said};
 use serde_json::Value;
 
-/// A ball of two captures that did not move, which are fused with given poses; the second one's has this first row.
+/// Fuses two captures of a ball that did not move, with given poses, of which the second has this first row. The exit
+/// code.
 fn fused(desk: &Desk, second: &str) -> Option<i32> {
     let rest = "[0,1,0,0],[0,0,1,0],[0,0,0,1]";
     let poses = format!("{{\"rig_from_object\":[[[1,0,0,0],{rest}],[{second},{rest}]]}}");

@@ -42,7 +42,7 @@ pub(super) const OBJECTS: [Object; 10] = [
 ];
 
 /// How far a pose may move a model's form, in millimetres, in pictures of 1280 pixels.
-const FORM_LIMIT_MM: f64 = 0.25;
+pub(super) const FORM_LIMIT_MM: f64 = 0.25;
 
 /// Of the poses that can be held at most one in so many is refused or amber.
 const HELD_OF: u32 = 10;

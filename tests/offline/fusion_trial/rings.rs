@@ -1,12 +1,10 @@
 //! Objects that fit in several turns: painted rings look the same at each of them, a pattern does not, and half a turn
 //! of a plain box may change nothing or its shading. No turn is stated that is wrong.
 
+use super::poses::FORM_LIMIT_MM;
 use super::score::{PoseError, error, pose};
 use super::{Fused, fuse, is_wanted, session};
 use scand_lab::{Options, Shape};
-
-/// How far a pose may move a model's form, in millimetres, in pictures of 1280 pixels.
-const FORM_LIMIT_MM: f64 = 0.25;
 
 /// A pot with rings, whose turn nothing tells.
 fn pot(shape: Shape, width: usize, words: &str) -> Options {
@@ -122,6 +120,8 @@ mod long {
                 error.is_some_and(|e| e.form_mm < SMALL_LIMIT_MM),
                 "{error:?}, {second}"
             );
+        } else {
+            assert!(second["refused"].is_string(), "{}", fused.words);
         }
     }
 }
