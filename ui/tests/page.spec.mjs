@@ -168,8 +168,8 @@ test("a look tells what is wrong with a picture, how old it is, and why there is
   };
   let number = 0;
   await page.route(/\/api\/look\?/, async (route) => {
-    await new Promise((done) => setTimeout(done, 300));
-    // The page may be gone by then.
+    // As often as the daemon has new ones; the page may be gone by then.
+    await new Promise((done) => setTimeout(done, 500));
     await route.fulfill({ json: { number: ++number, problem: null, cameras, good: { c00: 80 } } }).catch(() => {});
   });
   await page.getByRole("link", { name: "Look" }).click();
@@ -215,8 +215,8 @@ test("a page that is loaded again before the answer to its press came asks for t
   await expect(told).toContainText("safe on the disk");
   const name = await told.textContent();
   // What the page keeps of a press until its answer is there.
-  const kept = JSON.stringify({ id: press_id, subject: "", placement: "" });
-  await page.evaluate((kept) => sessionStorage.setItem("scand-press", JSON.stringify({ ...JSON.parse(kept), at: Date.now() })), kept);
+  const kept = { id: press_id, subject: "", placement: "" };
+  await page.evaluate((kept) => sessionStorage.setItem("scand-press", JSON.stringify({ ...kept, at: Date.now() })), kept);
   const again = page.waitForRequest("**/api/press");
   await page.reload();
   expect((await again).postDataJSON().press_id).toBe(press_id);
@@ -1138,7 +1138,7 @@ test("the keyboard alone presses, and the page speaks German", async ({ page, ri
   await page.getByRole("button", { name: "English" }).click();
 });
 
-test("a session that is ended on the page is over, and the next one needs a link of its own", async ({ page, rig, expected }) => {
+test("a session that is ended on the page is over, and a reload brings nothing back", async ({ page, rig, expected }) => {
   expected.push("401");
   await enter(page, rig, "viewer");
   await page.getByRole("button", { name: "End this session" }).click();
