@@ -337,7 +337,7 @@ export const en = {
   said_side_below: "underneath, as the object stands now: turn it upside-down",
   said_side_above: "on top, as the object stands now",
   said_side_beside: "on a side, as the object stands now: lay it on its other side",
-  said_frames_short: "{kind} camera {camera} gave {found} from {n} to {n_to} ms after the trigger, expected at least {n_least}",
+  said_frames_short: "{kind} camera {camera} gave {frames} from {n} to {n_to} ms after the trigger, expected at least {n_least}",
   said_frames_lost: "{shortfall}; it lost: {reason}",
   said_frame_nearest: "; its nearest frame is at {n} ms",
   said_no_frames: "; it has no frames",

@@ -29,6 +29,7 @@ const HELD: [RegExp, string][] = [
   [/^share(_\w+)?$/, "(-?[\\d.]+ %)"],
   // Such as "3 places"; other languages have the number alone.
   [/^count$/, "(\\d+) [a-z ]+?"],
+  [/^frames$/, "(no frame|\\d+(?= frames?))(?: frames?)?"],
   [/^length$/, "(-?[\\d.]+ mm)"],
   [/^(camera|name)$/, "([\\w.-]+)"],
   [/^cameras$/, "([^;]+?)"],
