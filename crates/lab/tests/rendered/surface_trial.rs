@@ -52,10 +52,10 @@ const BALL: Floors = Floors {
     roughness_degrees: 2.0,
 };
 
-/// By so much a method's F-score may be lower than without fairing.
+/// A method's F-score may be so much lower than without fairing.
 const NOT_LOWER_BY: f64 = 0.003;
 
-/// How far inputs are off that a reconstruction believes.
+/// Errors of the inputs, of which a reconstruction knows nothing.
 #[derive(Clone, Copy, Debug, Default)]
 struct Errors {
     /// Standard deviation of the principal points, in pixels.
@@ -64,7 +64,7 @@ struct Errors {
     contours_px: f64,
 }
 
-/// A simulated capture with its silhouettes.
+/// A simulated capture with its silhouettes, which are found once for all methods.
 struct Captured {
     simulation: Simulation,
     scene: Scene,
@@ -139,8 +139,10 @@ impl Captured {
         let roughness = roughness_degrees(&mesh);
         let whole = self.evaluated(mesh).whole;
         let scores = [0.5, 1.0].map(|threshold_mm| whole.f_score_at(threshold_mm).unwrap());
-        let normals = whole.outside_normals.map_or(0.0, |of| of.mean_degrees);
-        let edges = whole.edges.map_or(0.0, |of| of.distances.mean_mm);
+        // What was not measured holds no floor.
+        let (normals, edges) = (whole.outside_normals, whole.edges);
+        let normals = normals.map_or(f64::INFINITY, |of| of.mean_degrees);
+        let edges = edges.map_or(f64::INFINITY, |of| of.distances.mean_mm);
         let dented = whole.dented_share;
         let words = format!(
             "{}: F {scores:.4?}, normals {normals:.2} degrees, edges {edges:.3} mm, dented {dented:.4}, \
@@ -158,7 +160,7 @@ impl Captured {
     }
 
     /// The figures of a method's model with and without fairing, if fairing makes it worse.
-    fn is_worse_when_faired(&self, method: Method) -> Option<String> {
+    fn worse_when_faired(&self, method: Method) -> Option<String> {
         let both = [Fairing::None, Fairing::Touch].map(|f| self.evaluated(self.surface(method, f)));
         let [plain, faired] = both.each_ref().map(|found| {
             [0.5, 1.0].map(|threshold_mm| found.whole.f_score_at(threshold_mm).unwrap())
@@ -248,14 +250,14 @@ fn surface_trial() {
             for errors in LITTLE_OFF {
                 worse.extend(Captured::new(shape, seed, 1280, errors).misses(&floors));
             }
-            worse.extend(a_pixel_off(shape, seed, 1280).is_worse_when_faired(Method::Hybrid));
+            worse.extend(a_pixel_off(shape, seed, 1280).worse_when_faired(Method::Hybrid));
         }
         for shape in Shape::ALL {
             let captured = Captured::new(shape, seed, 1280, Errors::default());
             worse.extend(
                 METHODS
                     .iter()
-                    .filter_map(|&method| captured.is_worse_when_faired(method)),
+                    .filter_map(|&method| captured.worse_when_faired(method)),
             );
         }
     }
@@ -344,11 +346,7 @@ mod long {
     #[test]
     fn contours_that_are_a_pixel_off_make_nothing_worse_than_the_hull() {
         let captured = [Shape::Egg, Shape::Box].map(|shape| a_pixel_off(shape, 1, 960));
-        assert_none(
-            captured
-                .iter()
-                .map(|c| c.is_worse_when_faired(Method::Hybrid)),
-        );
+        assert_none(captured.iter().map(|c| c.worse_when_faired(Method::Hybrid)));
     }
 
     #[test]
@@ -359,7 +357,7 @@ mod long {
             assert_none(
                 methods
                     .iter()
-                    .map(|&method| captured.is_worse_when_faired(method)),
+                    .map(|&method| captured.worse_when_faired(method)),
             );
         }
     }
