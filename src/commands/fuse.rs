@@ -2,7 +2,7 @@
 
 use super::wrong_usage;
 use crate::calibration::RigCalibration;
-use crate::capture::CaptureSession;
+use crate::capture::{CaptureSession, CaptureSummary};
 use crate::config::Config;
 use crate::frame::CaptureId;
 use crate::make_model::{
@@ -13,6 +13,7 @@ use crate::recording::finished_name;
 use crate::storage;
 use crate::words::count;
 use anyhow::Context;
+use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
@@ -106,7 +107,7 @@ pub fn run(args: Args) -> anyhow::Result<ExitCode> {
     };
     let found = gather(&sessions, wanted);
     let ids: Vec<CaptureId> = found.captures.iter().map(|(_, id)| id.clone()).collect();
-    check(&args, &ids, &found.left_out)?;
+    check(&args, &sessions, &ids, &found.left_out)?;
     let given = args
         .poses
         .as_deref()
@@ -145,22 +146,47 @@ pub fn run(args: Args) -> anyhow::Result<ExitCode> {
     Ok(told(&args, &request, &outcome))
 }
 
-/// Refuses captures that are not there.
-fn check(args: &Args, ids: &[CaptureId], left_out: &[String]) -> anyhow::Result<()> {
+/// Refuses captures that are not there, and says which are.
+fn check(
+    args: &Args,
+    sessions: &[CaptureSession],
+    ids: &[CaptureId],
+    left_out: &[String],
+) -> anyhow::Result<()> {
     let is_there = |name: &&String| !ids.iter().any(|id| id.as_str() == name.as_str());
     if let Some(missing) = args.capture.iter().chain(&args.upright).find(is_there) {
-        anyhow::bail!("there is no capture {missing:?} that can be used");
-    }
-    anyhow::ensure!(
-        !ids.is_empty(),
-        "no capture of subject {:?} can be used{}",
-        args.subject.as_deref().unwrap_or_default(),
-        left_out
+        let known = listed(sessions, |capture| Some(capture.id.to_string()));
+        let because = left_out
             .iter()
             .map(|l| format!("; {l}"))
-            .collect::<String>()
-    );
-    Ok(())
+            .collect::<String>();
+        anyhow::bail!("there is no capture {missing:?} that can be used, only {known}{because}");
+    }
+    if !ids.is_empty() {
+        return Ok(());
+    }
+    let subject = args.subject.as_deref().unwrap_or_default();
+    if left_out.is_empty() {
+        let known = listed(sessions, |capture| capture.subject);
+        anyhow::bail!("no capture of subject {subject:?}; the captures here are of {known}");
+    }
+    let left_out = left_out.join("; ");
+    anyhow::bail!("no capture of subject {subject:?} can be used; {left_out}")
+}
+
+/// What captures are called, each name once, the first few of many.
+fn listed(sessions: &[CaptureSession], name: impl Fn(CaptureSummary) -> Option<String>) -> String {
+    const MOST: usize = 10;
+    let captures = sessions.iter().flat_map(CaptureSession::captures);
+    let names: BTreeSet<String> = captures.filter_map(name).collect();
+    let mut listed: Vec<String> = names.iter().take(MOST).map(|n| format!("{n:?}")).collect();
+    if names.len() > MOST {
+        listed.push(format!("{} more", names.len() - MOST));
+    }
+    if listed.is_empty() {
+        return "no subject".to_owned();
+    }
+    listed.join(", ")
 }
 
 /// Reads poses, one for each capture of the object, or for each that counts; those of the captures that count.

@@ -34,7 +34,7 @@ pub use unrequired::{UnrequiredPiece, mark_unrequired};
 const PATCH_CELLS: f64 = 3.0;
 
 /// Pixels by which a contour is off: no hull is better known than its outlines.
-const CONTOUR_PX: f64 = 0.3;
+const CONTOUR_PX: f64 = 0.25;
 
 /// What fairing made of a hull.
 #[derive(Clone, Copy)]
