@@ -153,14 +153,16 @@ fn check(
     ids: &[CaptureId],
     left_out: &[String],
 ) -> anyhow::Result<()> {
-    let is_there = |name: &&String| !ids.iter().any(|id| id.as_str() == name.as_str());
-    if let Some(missing) = args.capture.iter().chain(&args.upright).find(is_there) {
+    let is_missing = |name: &&String| !ids.iter().any(|id| id.as_str() == name.as_str());
+    if let Some(missing) = args.capture.iter().chain(&args.upright).find(is_missing) {
+        let because: String = left_out.iter().map(|l| format!("; {l}")).collect();
+        let mut captures = sessions.iter().flat_map(CaptureSession::captures);
+        if captures.any(|capture| capture.id.as_str() == missing.as_str()) {
+            anyhow::bail!("capture {missing:?} is not among those that can be used{because}");
+        }
         let known = listed(sessions, |capture| Some(capture.id.to_string()));
-        let because = left_out
-            .iter()
-            .map(|l| format!("; {l}"))
-            .collect::<String>();
-        anyhow::bail!("there is no capture {missing:?} that can be used, only {known}{because}");
+        let known = known.unwrap_or_else(|| "none".to_owned());
+        anyhow::bail!("there is no capture {missing:?}; the captures here: {known}{because}");
     }
     if !ids.is_empty() {
         return Ok(());
@@ -168,14 +170,18 @@ fn check(
     let subject = args.subject.as_deref().unwrap_or_default();
     if left_out.is_empty() {
         let known = listed(sessions, |capture| capture.subject);
+        let known = known.unwrap_or_else(|| "no subject".to_owned());
         anyhow::bail!("no capture of subject {subject:?}; the captures here are of {known}");
     }
     let left_out = left_out.join("; ");
     anyhow::bail!("no capture of subject {subject:?} can be used; {left_out}")
 }
 
-/// What captures are called, each name once, the first few of many.
-fn listed(sessions: &[CaptureSession], name: impl Fn(CaptureSummary) -> Option<String>) -> String {
+/// What captures are called, each name once, the first few of many; `None` if they have no names.
+fn listed(
+    sessions: &[CaptureSession],
+    name: impl Fn(CaptureSummary) -> Option<String>,
+) -> Option<String> {
     const MOST: usize = 10;
     let captures = sessions.iter().flat_map(CaptureSession::captures);
     let names: BTreeSet<String> = captures.filter_map(name).collect();
@@ -183,10 +189,7 @@ fn listed(sessions: &[CaptureSession], name: impl Fn(CaptureSummary) -> Option<S
     if names.len() > MOST {
         listed.push(format!("{} more", names.len() - MOST));
     }
-    if listed.is_empty() {
-        return "no subject".to_owned();
-    }
-    listed.join(", ")
+    (!listed.is_empty()).then(|| listed.join(", "))
 }
 
 /// Reads poses, one for each capture of the object, or for each that counts; those of the captures that count.

@@ -29,6 +29,26 @@ fn ball(is_empty: bool) -> Options {
 }
 
 #[test]
+fn only_a_capture_that_is_not_there_is_said_not_to_be_there() {
+    let desk = Desk::new();
+    let usual = ["fuse", "ball.mcap", "--capture", "ball-000"];
+    let refused = |name: &[&str], words: &str| {
+        let fused = desk.run(&[&usual[..], name].concat());
+        let told = said(&fused);
+        assert_eq!(fused.status.code(), Some(1), "{told}");
+        assert!(told.contains(words), "{told}");
+    };
+    refused(
+        &["--capture", "bowl"],
+        "there is no capture \"bowl\"; the captures here: \"ball-000\", \"ball-001\"",
+    );
+    refused(
+        &["--upright", "ball-001"],
+        "capture \"ball-001\" is not among those that can be used",
+    );
+}
+
+#[test]
 fn an_empty_table_that_was_taken_for_an_object_is_left_out_by_name() {
     let desk = Desk::new();
     record(
