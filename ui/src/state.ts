@@ -110,15 +110,15 @@ class StatePart extends Part {
     `;
   }
 
-  private todo(status: Status): string[] {
-    const found: string[] = [];
+  private todo(status: Status): (string | TemplateResult)[] {
+    const found: (string | TemplateResult)[] = [];
     for (const [camera, about] of Object.entries(status.cameras ?? {})) {
       if (about.state !== "ready") {
         found.push(t("todo_camera", { camera, words: said(about.words || about.state) }));
         continue;
       }
       if (about.lost_frames) found.push(t("todo_lost", { camera, n: about.lost_frames }));
-      found.push(...advice(about).map((words) => `${camera}: ${words}`));
+      found.push(...advice(about).map((words) => html`${camera}: ${words}`));
     }
     const plates = status.plates_age_h ?? null;
     if (plates === null) found.push(t("todo_plates_none"));
@@ -176,9 +176,9 @@ function lasting(camera: Camera): string[] {
 }
 
 /** What is to be done about a camera that works: as `scand check` judges its remarks and its network clock. */
-function advice(camera: Camera): string[] {
+function advice(camera: Camera): TemplateResult[] {
   const open = [...clocks(camera), ...lasting(camera)].filter((words) => !IN_ORDER.some((form) => form.test(words)));
-  return open.map((words) => (words.startsWith(CLOCK) ? `${said(words)}. ${t("todo_ptp")}` : said(words)));
+  return open.map((words) => (words.startsWith(CLOCK) ? html`${spoken(words)}. ${t("todo_ptp")}` : spoken(words)));
 }
 
 /** What a camera reports of itself. */

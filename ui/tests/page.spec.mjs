@@ -743,16 +743,20 @@ test("what to do is what is wrong now, as `scand check` judges it, in the page's
   c00.health = [clock("the clock is 900000 ns from its master, expected at most 100000 ns")];
   kinect.lost_frames = 7;
   // A clock of which only a remark tells.
-  status.cameras.c01 = { ...ready, remarks: ["PTP: Listening, expected Slave or Master"] };
+  status.cameras.c01 = { ...ready, remarks: ["PTP: Listening, expected Slave or Master", "its lens is warm"] };
   status.plates_age_h = 13;
   const todo = main.locator("section.card").first().locator("li");
   await expect(todo).toHaveText([
     /^c00: PTP: the clock is 900000 ns .* Run a PTP master/,
     /^kinect lost frames since the daemon started \(7\): check its link/,
     /^c01: PTP: Listening, expected Slave or Master\. Run a PTP master/,
+    /^c01: its lens is warm$/,
     /^The background pictures are 13 h old/,
   ]);
-  await inGerman(page, () => expect(todo.first()).toContainText("erlaubt sind 100000 ns. Lassen Sie im Netz der Kameras"));
+  await inGerman(page, async () => {
+    await expect(todo.first()).toContainText("erlaubt sind 100000 ns. Lassen Sie im Netz der Kameras");
+    await expect(todo.locator("[lang=en]")).toHaveText(["its lens is warm"]);
+  });
 });
 
 test("a tone is played once for its news, and not again when the connection is back", async ({ page, rig, expected }) => {
