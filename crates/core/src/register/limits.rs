@@ -8,11 +8,11 @@ const OWN: f64 = 0.15e-3;
 /// Pixels of the same.
 const OWN_PX: f64 = 0.4;
 /// A pose is accepted up to this many times the own noise …
-const ACCEPTED: f64 = 1.5;
+const ACCEPTED: f64 = 1.8;
 /// … or this many pixels more than it, where it is tiny.
 const ACCEPTED_MORE_PX: f64 = 0.08;
 /// The lower half of the gap, in which a pose is green.
-const GREEN: f64 = 1.4;
+const GREEN: f64 = 1.6;
 /// Silhouettes object to a pose from this many times the own noise on.
 const OBJECTION: f64 = 2.0;
 /// Pixels of the same, where the noise is tiny.
