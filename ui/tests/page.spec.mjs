@@ -185,7 +185,7 @@ test("a look tells what is wrong with a picture, how old it is, and why there is
   await expect(depth).toContainText("Pixels with a reading: 83 %");
   await expect(depth.locator(".warning")).toHaveCount(0);
   await expect(missing).toContainText(`No picture: ${away}`);
-  await inGerman(page, () => expect(missing).toContainText("Kein Bild: unter 10.0.1.4 antwortet keine Kamera"));
+  await inGerman(page, () => expect(missing).toContainText("Kein Bild: unter 10.0.1.4 antwortet keine Kamera")); // German
 });
 
 test("a double tap, and a connection that breaks in the middle, take one capture each", async ({ page, rig, expected }) => {
@@ -704,7 +704,7 @@ test("reasons are in the page's language, and a list that is cut says so", async
   await expect(page.locator("main")).toContainText("Rand eines Bildes. c03 cuts it");
   await expect(page.locator("main")).toContainText("<b>new</b>");
   // The details are the daemon's; those that the catalogue has are in the page's language, and the others marked.
-  await expect(page.locator("main")).toContainText("der Umriss des Objekts ist unscharf: c00 (3.0 px), c02 (2.1 px), 2 weitere");
+  await expect(page.locator("main")).toContainText("der Umriss des Objekts ist unscharf: c00 (3.0 px), c02 (2.1 px), 2 weitere"); // German
   await expect(page.locator("main")).toContainText("kinect (5.1 mm mehr); insgesamt 9.3 mm");
   await expect(page.locator("main")).toContainText("Tiefenkamera kinect zwischen -50.0 und 900.0 ms nach dem Auslösen: 7, nötig");
   await expect(page.locator("main [lang=en]")).toHaveText(["c03 cuts it", "<b>new</b>"]);
@@ -735,9 +735,9 @@ test("what to do is what is wrong now, as `scand check` judges it, in the page's
   await expect(main).not.toContainText("Listening");
   await inGerman(page, async () => {
     await expect(main).toContainText("Alles in Ordnung.");
-    await expect(main).toContainText("Temperatur 31.2 °C · PTP: Slave, 120 ns Abstand von der führenden Uhr");
+    await expect(main).toContainText("Temperatur 31.2 °C · PTP: Slave, 120 ns Abstand von der führenden Uhr"); // German
     await expect(main).toContainText("Seriennummer 42");
-    await expect(main).toContainText("ein roher Messwert zählt Millimeter");
+    await expect(main).toContainText("ein roher Messwert zählt Millimeter"); // German
     await expect(main.locator("[lang=en]")).toHaveCount(0);
   });
   c00.health = [clock("the clock is 900000 ns from its master, expected at most 100000 ns")];
@@ -754,7 +754,7 @@ test("what to do is what is wrong now, as `scand check` judges it, in the page's
     /^The background pictures are 13 h old/,
   ]);
   await inGerman(page, async () => {
-    await expect(todo.first()).toContainText("erlaubt sind 100000 ns. Lassen Sie im Netz der Kameras");
+    await expect(todo.first()).toContainText("erlaubt sind 100000 ns. Lassen Sie im Netz der Kameras"); // German
     await expect(todo.locator("[lang=en]")).toHaveText(["its lens is warm"]);
   });
 });
