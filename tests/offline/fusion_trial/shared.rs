@@ -166,7 +166,7 @@ mod long {
         let least = given.scores().f_at_1_mm - 0.015;
         assert!(found.f_at_1_mm >= least, "{found:?}");
         // Depth does not find the recess of its foot; without that, 0.89 would be there.
-        assert!(found.f_at_1_mm >= 0.87, "{found:?}");
+        assert!(found.f_at_1_mm >= 0.89, "{found:?}");
     }
 
     #[test]

@@ -169,10 +169,15 @@ impl CapturePair<'_> {
         decision
     }
 
+    /// Metres that a pixel covers on the object, of the capture of which it covers more.
+    fn pixel(&self) -> f64 {
+        self.a.body.pixel.max(self.b.body.pixel)
+    }
+
     /// Whether silhouettes object to a pose that was not fitted to them.
     fn do_silhouettes_object(&self, decision: &Decision) -> bool {
         let beyond_own = weight_of(decision.beyond_own.as_ref());
-        decision.disagreement > self.object || limits::does_stretch_object(beyond_own)
+        decision.disagreement > self.object || limits::does_stretch_object(beyond_own, self.pixel())
     }
 
     /// The axis about which the silhouettes leave the turn of a pose open, in the second's rig.
@@ -398,15 +403,16 @@ impl CapturePair<'_> {
         let spots = spots.filter_map(|(spot, is_second)| Some((spot?, is_second)));
         let spot = spots.max_by(|x, y| x.0.weight.total_cmp(&y.0.weight));
         let weight = spot.as_ref().map_or(0.0, |(spot, _)| spot.weight);
-        let is_maybe_change = limits::is_maybe_change(weight);
+        let pixel = self.pixel();
+        let is_maybe_change = limits::is_maybe_change(weight, pixel);
         let beyond_own = heavier([(of_a.stretch, false), (of_b.stretch, true)]);
-        let is_long = limits::is_long(weight_of(beyond_own.as_ref()));
+        let is_long = limits::is_long(weight_of(beyond_own.as_ref()), pixel);
         let own = [&self.a.own, &self.b.own].map(|own| own.stretch.as_ref());
         let own = own.map(|stretch| stretch.map_or(0.0, ContourStretch::weight));
         let longest = weight_of(beyond_own.as_ref()).max(own[0]).max(own[1]);
         let verdict = match verdict {
             Ok(_) if disagreement > self.accept => Err(Refusal::NoPose),
-            Ok(_) if is_long || limits::is_change(weight) => Err(Refusal::Stretch),
+            Ok(_) if is_long || limits::is_change(weight, pixel) => Err(Refusal::Stretch),
             verdict => verdict,
         };
         Decision {
@@ -424,7 +430,7 @@ impl CapturePair<'_> {
             colours: None,
             depth: None,
             larger_by: None,
-            is_doubtful: is_maybe_change || limits::is_doubtful(longest),
+            is_doubtful: is_maybe_change || limits::is_doubtful(longest, pixel),
         }
     }
 

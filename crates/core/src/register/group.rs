@@ -77,7 +77,7 @@ pub(super) fn prepare(capture: &CaptureSilhouettes) -> Option<Prepared> {
 /// part from one camera.
 fn contradicts_itself(own: &Disagreement, pixel: f64) -> bool {
     let stretch = own.stretch.as_ref().map_or(0.0, |s| s.weight());
-    own.rms > limits::own(pixel) || limits::does_contradict_itself(stretch)
+    own.rms > limits::own(pixel) || limits::does_contradict_itself(stretch, pixel)
 }
 
 /// What all others of `placed` say against one of them.

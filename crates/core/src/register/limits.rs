@@ -36,6 +36,9 @@ const GREEN_STRETCH_PX2: f64 = 70.0;
 const SPOT_PX2: f64 = 60.0;
 /// … and so many where the pose is green.
 const SPOT_GREEN_PX2: f64 = 40.0;
+/// Metres that a pixel covers on an object from which on these areas are those. Where pixels are smaller, as at 5
+/// megapixels, outlines err over as many millimetres, which are more pixels.
+const AREA_PIXEL: f64 = 0.33e-3;
 /// A stretch against a pose that was not fitted may weigh so many times as much.
 const STRETCH_OBJECTION: f64 = 1.5;
 /// Comparisons of two captures that are made at most: so many for each capture …
@@ -156,34 +159,39 @@ pub(super) fn objection(noise: f64, pixel: f64) -> f64 {
     (OBJECTION * noise).max(noise + OBJECTION_MORE_PX * pixel)
 }
 
+/// A limit of square pixels for pixels that cover `pixel` metres.
+fn area(square_pixels: f64, pixel: f64) -> f64 {
+    square_pixels * (AREA_PIXEL / pixel).max(1.0).powi(2)
+}
+
 /// Whether a stretch of contour of this weight in square pixels contradicts the other contours of its own capture.
-pub(super) fn does_contradict_itself(stretch: f64) -> bool {
-    stretch > OWN_STRETCH_PX2
+pub(super) fn does_contradict_itself(stretch: f64, pixel: f64) -> bool {
+    stretch > area(OWN_STRETCH_PX2, pixel)
 }
 
 /// Whether what a stretch of contour misses beyond that, in square pixels, contradicts another capture.
-pub(super) fn is_long(stretch: f64) -> bool {
-    stretch > STRETCH_PX2
+pub(super) fn is_long(stretch: f64, pixel: f64) -> bool {
+    stretch > area(STRETCH_PX2, pixel)
 }
 
 /// Whether a stretch of either kind is so long that a person should look.
-pub(super) fn is_doubtful(stretch: f64) -> bool {
-    stretch > GREEN_STRETCH_PX2
+pub(super) fn is_doubtful(stretch: f64, pixel: f64) -> bool {
+    stretch > area(GREEN_STRETCH_PX2, pixel)
 }
 
 /// Whether what several views say of one spot, in square pixels, shows that the object changed there.
-pub(super) fn is_change(spot: f64) -> bool {
-    spot > SPOT_PX2
+pub(super) fn is_change(spot: f64, pixel: f64) -> bool {
+    spot > area(SPOT_PX2, pixel)
 }
 
 /// Whether it lies above the lower half of what is accepted.
-pub(super) fn is_maybe_change(spot: f64) -> bool {
-    spot > SPOT_GREEN_PX2
+pub(super) fn is_maybe_change(spot: f64, pixel: f64) -> bool {
+    spot > area(SPOT_GREEN_PX2, pixel)
 }
 
 /// Whether a stretch objects to a pose that was not fitted to the silhouettes.
-pub(super) fn does_stretch_object(stretch: f64) -> bool {
-    is_long(stretch / STRETCH_OBJECTION)
+pub(super) fn does_stretch_object(stretch: f64, pixel: f64) -> bool {
+    is_long(stretch / STRETCH_OBJECTION, pixel)
 }
 
 /// How many comparisons of two captures are made at most, of so many captures.
@@ -204,4 +212,19 @@ pub(super) fn all_at_once(noise: f64, pixel: f64) -> f64 {
 /// Whether what all others say lies in the lower half of that.
 pub(super) fn is_green_at_once(rms: f64, noise: f64, pixel: f64) -> bool {
     rms <= (AT_ONCE_GREEN * noise).max(noise + AT_ONCE_GREEN_MORE_PX * pixel)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn areas_are_of_pixels_or_where_these_are_small_of_millimetres() {
+        for pixel in [0.33e-3, 0.36e-3, 1e-3] {
+            assert!(is_long(96.0, pixel) && !is_long(94.0, pixel));
+        }
+        // Half as wide: what was one pixel is four.
+        assert!(is_long(4.0 * 96.0, 0.165e-3) && !is_long(4.0 * 94.0, 0.165e-3));
+        assert!(is_change(4.0 * 61.0, 0.165e-3) && !is_change(4.0 * 59.0, 0.165e-3));
+    }
 }
