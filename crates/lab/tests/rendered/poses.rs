@@ -93,20 +93,28 @@ fn a_pattern_moves_with_the_object_and_light_does_not() {
             nalgebra::Point3::new(i * 0.0022, j * 0.0022, 0.040)
         })
         .collect();
-    let seen = |index: usize, moved_by: nalgebra::Isometry3<f64>| -> Vec<f64> {
-        let scene = simulation.scene(index);
-        let view = scene.colors.last().unwrap();
-        let at = |p: &nalgebra::Point3<f64>| {
-            let (q, _) = view.camera.project(moved_by * p).unwrap();
-            f64::from(view.image[(q.x.round() as usize, q.y.round() as usize)][1])
-        };
-        points.iter().map(at).collect()
-    };
+    let seen = |index, moved_by| seen_by_last(&simulation, index, &points, &moved_by);
     let first = seen(0, nalgebra::Isometry3::identity());
     let there = correlation(&first, &seen(1, simulation.rig_from_object(1)));
     let elsewhere = correlation(&first, &seen(1, nalgebra::Isometry3::identity()));
     assert!(there > 0.8, "{there}");
     assert!(elsewhere < 0.5, "{elsewhere}");
+}
+
+/// What the last camera sees, in capture `index`, of points that were moved: green, from 0 to 255.
+fn seen_by_last(
+    simulation: &Simulation,
+    index: usize,
+    points: &[nalgebra::Point3<f64>],
+    moved_by: &Isometry3<f64>,
+) -> Vec<f64> {
+    let scene = simulation.scene(index);
+    let view = scene.colors.last().unwrap();
+    let at = |p: &nalgebra::Point3<f64>| {
+        let (q, _) = view.camera.project(moved_by * p).unwrap();
+        f64::from(view.image[(q.x.round() as usize, q.y.round() as usize)][1])
+    };
+    points.iter().map(at).collect()
 }
 
 /// How alike an egg looks after a turn about its axis, from where it then stands: correlation of what the last camera
@@ -128,15 +136,7 @@ fn likeness_after_a_turn(paint: fn(&mut Options)) -> f64 {
         normal.cast::<f64>().dot(&to_eye) > 0.4
     });
     let points: Vec<nalgebra::Point3<f64>> = facing.map(|(v, _)| v).collect();
-    let seen = |index: usize, moved_by: Isometry3<f64>| -> Vec<f64> {
-        let scene = simulation.scene(index);
-        let view = scene.colors.last().unwrap();
-        let at = |p: &nalgebra::Point3<f64>| {
-            let (q, _) = view.camera.project(moved_by * p).unwrap();
-            f64::from(view.image[(q.x.round() as usize, q.y.round() as usize)][1])
-        };
-        points.iter().map(at).collect()
-    };
+    let seen = |index, moved_by| seen_by_last(&simulation, index, &points, &moved_by);
     // Where the axis went.
     let moved = simulation.rig_from_object(1).translation;
     let moved = Isometry3::from_parts(moved, nalgebra::UnitQuaternion::identity());
