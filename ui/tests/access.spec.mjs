@@ -1,0 +1,99 @@
+// Who may see and do what: links, sessions and their end, a viewer, TLS, and the headers of every answer.
+import { readFileSync, readdirSync } from "node:fs";
+import { enter, expect, sign, test, watch } from "./fixtures.mjs";
+
+test("a link begins one session, its token leaves the address, and without a session nothing is shown", async ({ page, rig, browser, expected }) => {
+  expected.push("401", "403");
+  await page.goto(`http://127.0.0.1:${rig.port}/`);
+  await expect(page.locator("pre")).toHaveText("scand page pair");
+  const link = rig.link();
+  await page.goto("about:blank");
+  await page.goto(link);
+  await expect(page.locator("nav")).toBeVisible();
+  expect(page.url()).not.toContain("pair");
+  const [cookie] = await page.context().cookies();
+  expect(cookie).toMatchObject({ httpOnly: true, sameSite: "Strict" });
+  const other = await browser.newPage();
+  await other.goto(link);
+  await expect(other.getByRole("alert")).toContainText("was used");
+  await other.close();
+});
+
+test("every answer has its headers, and another name is refused", async ({ page, rig }) => {
+  await enter(page, rig);
+  const answer = await page.request.get(`http://127.0.0.1:${rig.port}/`);
+  const headers = answer.headers();
+  expect(headers["content-security-policy"]).toContain("default-src 'none'");
+  expect(headers["content-security-policy"]).toContain("frame-ancestors 'none'");
+  expect(headers["content-security-policy"]).not.toContain("unsafe-inline");
+  expect(headers["x-content-type-options"]).toBe("nosniff");
+  const renamed = await page.request.get(`http://127.0.0.1:${rig.port}/`, { headers: { Host: "rig.evil.example" } });
+  expect(renamed.status()).toBe(421);
+  const framed = await page.evaluate(async () => {
+    const found = await fetch("/licences.txt");
+    return (await found.text()).includes("three");
+  });
+  expect(framed).toBe(true);
+});
+
+test("a viewer sees everything and has nothing to press", async ({ page, rig, expected }) => {
+  expected.push("403");
+  await enter(page, rig, "viewer");
+  await sign(page, "ready", "green", "amber");
+  await expect(page.getByRole("button", { name: "Press", exact: true })).toHaveCount(0);
+  const refused = await page.evaluate(async () => {
+    const me = await (await fetch("/api/me")).json();
+    const headers = { "Content-Type": "application/json", "X-Scand-Token": me.token };
+    const answer = await fetch("/api/press", { method: "POST", headers, body: `{"press_id":"page-viewer"}` }).catch(() => null);
+    return answer.status;
+  }).catch(String);
+  expect(refused).toBe(403);
+});
+
+test("a session that is ended on the page is over, and a reload brings nothing back", async ({ page, rig, expected }) => {
+  expected.push("401");
+  await enter(page, rig, "viewer");
+  await page.getByRole("button", { name: "End this session" }).click();
+  await expect(page.locator("pre")).toHaveText("scand page pair");
+  await page.reload();
+  await expect(page.locator("pre")).toHaveText("scand page pair");
+  await expect(page.locator("nav")).toHaveCount(0);
+});
+
+test("a session that is revoked is over at once, its page says so, and its secrets are nowhere", async ({ page, rig, expected }) => {
+  expected.push("401");
+  // From then on there are recordings.
+  await rig.prepare();
+  const link = rig.link();
+  await page.goto(link);
+  await expect(page.locator("nav")).toBeVisible();
+  const [cookie] = await page.context().cookies();
+  const secrets = [link.split("#pair=")[1], cookie.value];
+  const files = ["page.log", "daemon.log", "rig.toml", "page.toml", "page-state/sessions.json"];
+  const recordings = readdirSync(rig.path("recordings")).filter((name) => /\.(mcap|jsonl)/.test(name));
+  for (const name of [...files, ...recordings.map((recording) => `recordings/${recording}`)]) {
+    const bytes = readFileSync(rig.path(name));
+    expect(secrets.filter((secret) => bytes.includes(secret)), name).toEqual([]);
+  }
+  rig.scand("page", "revoke", "--all", "--config", "page.toml");
+  await expect(page.locator("pre")).toHaveText("scand page pair", { timeout: 20_000 });
+  const kept = readFileSync(rig.path("page-state/sessions.json"), "utf8");
+  expect(kept.trim()).toBe("[]");
+});
+
+test("over TLS, with a certificate of the administrator's, the session's cookie never leaves TLS", async ({ browser, rig }) => {
+  const origin = await rig.startPageWithTls();
+  const context = await browser.newContext({ ignoreHTTPSErrors: true });
+  const page = await context.newPage();
+  const watched = watch(page);
+  await page.goto(`${origin}/${rig.token("viewer", "page-tls.toml")}`);
+  await sign(page, "ready", "green", "amber", "red");
+  const [cookie] = await context.cookies();
+  expect(cookie).toMatchObject({ name: "__Host-scand", secure: true, httpOnly: true, sameSite: "Strict" });
+  const plain = await page.request.get(origin.replace("https", "http")).catch(() => null);
+  expect(plain).toBe(null);
+  expect(watched.foreign).toEqual([]);
+  expect(watched.errors).toEqual([]);
+  await context.close();
+  await rig.stop("page-tls");
+});
