@@ -1,6 +1,6 @@
 // What the browser tests share: one rig, pages that are watched for errors and for requests that leave the machine, and
-// what several cases do with them. A case may find captures, background pictures and an open session of those before it;
-// which cases ran before, it does not know.
+// what several cases do with them. A case may find captures, background pictures and an open session of those before
+// it; which cases ran before, it does not know.
 import { expect, test as base } from "@playwright/test";
 import { Rig } from "./rig.mjs";
 

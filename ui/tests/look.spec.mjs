@@ -1,6 +1,6 @@
 // The live pictures of the cameras, for setting up.
-import { enter, expect, inGerman, shot, taken, test } from "./fixtures.mjs";
-import { until } from "./rig.mjs";
+import { enter, expect, inGerman, shot, sign, taken, test } from "./fixtures.mjs";
+import { READINGS_PERCENT, until } from "./rig.mjs";
 
 test("a look shows every camera with its outline, is not recorded, and ends by itself", async ({ page, rig }) => {
   await rig.prepare();
@@ -32,6 +32,7 @@ test("a look shows every camera with its outline, is not recorded, and ends by i
 });
 
 test("a look says why there is no outline and no picture", async ({ page, rig }) => {
+  test.setTimeout(150_000);
   await rig.prepare();
   await enter(page, rig, "viewer");
   await rig.show("background");
@@ -42,12 +43,43 @@ test("a look says why there is no outline and no picture", async ({ page, rig })
   await rig.stop("cameras", "SIGKILL");
   await expect(cards.first()).toContainText("No picture: ", { timeout: 40_000 });
   await expect(cards.first().locator("img")).toHaveCount(0);
-  await rig.stop("daemon");
-  await expect(page.getByRole("alert")).toContainText("There are no pictures");
-  await expect(cards).toHaveCount(0);
   await rig.startCamerasAgain();
-  await rig.startDaemon();
-  await expect(cards.first().locator("img")).toHaveJSProperty("naturalWidth", 320);
+  await expect(cards.first().locator("img")).toHaveJSProperty("naturalWidth", 320, { timeout: 40_000 });
+  await until("every camera is ready", () => Object.values(rig.status().cameras).every((camera) => camera.state === "ready"));
+});
+
+test("a look ends with the daemon, and goes on with a full disk, the depth camera among the others", async ({ page, rig }) => {
+  test.setTimeout(180_000);
+  await rig.prepare();
+  await enter(page, rig, "viewer");
+  await page.getByRole("link", { name: "Look" }).click();
+  const cards = page.locator(".looks .look");
+  await expect(cards).toHaveCount(rig.options.cameras);
+  await rig.stop("daemon");
+  const alert = page.getByRole("alert");
+  await expect(alert).toContainText("There are no pictures: the daemon does not answer");
+  await expect(cards).toHaveCount(0);
+  try {
+    Object.assign(rig.options, { keepFree: 900_000_000, depth: true });
+    await rig.startDaemon();
+    await expect(cards).toHaveCount(rig.options.cameras + 1);
+    await expect(cards.first().locator("img")).toHaveJSProperty("naturalWidth", 320);
+    const depth = page.locator(".look[data-camera=kinect]");
+    await expect(depth).toContainText(`Pixels with a reading: ${READINGS_PERCENT} %`);
+    await expect(depth).toContainText(/\d\.\d s old/);
+    await expect(depth.locator("img")).toHaveJSProperty("naturalWidth", 160);
+    await expect(depth.locator("path.outline")).toHaveCount(0);
+    const source = () => depth.locator("img").getAttribute("src");
+    const first = await source();
+    await expect.poll(source).not.toBe(first);
+    await page.getByRole("link", { name: "Now" }).click();
+    await sign(page, "disk_full");
+    await expect(page.locator(".now h1")).toHaveText("The disk is full");
+  } finally {
+    await rig.stop("daemon");
+    Object.assign(rig.options, { keepFree: undefined, depth: undefined });
+    await rig.startDaemon();
+  }
 });
 
 test("a look tells what is wrong with a picture, how old it is, and why there is none", async ({ page, rig }) => {
