@@ -300,6 +300,7 @@ export const de: Words = {
   login: "Wer sind Sie?",
   login_hint: "Diese Seite verlangt eine Sitzung. Auf dem Rechner der Anlage, als root oder als Mitglied der Gruppe scand:",
   login_then: "Öffnen Sie dann auf diesem Gerät den Link, der erscheint. Er gilt einmal, zehn Minuten lang.",
+  login_over: "Diese Sitzung ist zu Ende: sie wurde beendet, oder ihre Zeit ist um.",
   login_failed: "Der Link galt nicht: {reason}",
   error_away: "Der Dienst antwortet nicht.",
   error_full: "Es wird zu viel auf einmal verlangt: versuchen Sie es noch einmal.",

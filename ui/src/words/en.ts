@@ -298,6 +298,7 @@ export const en = {
   login: "Who are you?",
   login_hint: "You need a session to use this page. On the rig's computer, as root or as a member of the group scand, run:",
   login_then: "Then open the link that it prints, on this device. It works once, and within ten minutes.",
+  login_over: "This session is over: it was ended, or its time is up.",
   login_failed: "The link did not work: {reason}",
   error_away: "The daemon does not answer.",
   error_full: "Too many requests at once: try again in a moment.",
