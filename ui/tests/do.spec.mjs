@@ -1,6 +1,6 @@
 // What an operator does at the rig: background pictures, sessions, presses, the number of an object, decisions, notes.
 import { readdirSync } from "node:fs";
-import { closeSession, enter, expect, make, shot, sign, taken, test } from "./fixtures.mjs";
+import { closeSession, enter, expect, make, shot, sign, taken, test, watch } from "./fixtures.mjs";
 
 test("background pictures, a session, a press with a scanned number, and the model in the viewer", async ({ page, rig }) => {
   await rig.show("background");
@@ -9,8 +9,14 @@ test("background pictures, a session, a press with a scanned number, and the mod
   await sign(page, "ready");
   await shot(page, "ready");
   await page.getByRole("button", { name: "Take background pictures" }).click();
+  // One camera's picture comes late, and for so long the rig is busy.
+  await rig.tell("delay c00 3000");
   await page.getByRole("button", { name: "Yes, take them" }).click();
+  await sign(page, "busy");
+  await expect(page.locator(".now h1")).toHaveText("Please wait");
+  await expect(page.getByRole("button", { name: "Press", exact: true })).toBeDisabled();
   await expect(page.locator(".do > .told")).toContainText("Done");
+  await rig.tell("delay c00 0");
   await rig.show("captures");
   rig.isPrepared = true;
   const before = taken(rig);
@@ -50,6 +56,65 @@ test("background pictures, a session, a press with a scanned number, and the mod
     await page.mouse.click(x + dx, y + dy);
   }
   await expect(page.locator(".viewer [role=status]")).toContainText(/\d+\.\d mm between/);
+});
+
+test("a scanner's fast keys and Enter put a number into its field, whatever was tapped last, and press nothing", async ({ page, rig }) => {
+  await rig.prepare();
+  await enter(page, rig);
+  const before = taken(rig);
+  const number = page.locator("#number");
+  const scan = async (text) => {
+    await page.keyboard.type(text);
+    await page.keyboard.press("Enter");
+  };
+  await page.evaluate(() => document.activeElement.blur());
+  await scan("4006381333931");
+  await expect(number).toHaveValue("4006381333931");
+  // The next number takes the place of the last one.
+  await scan("1884.3/b");
+  await expect(number).toHaveValue("1884.3/b");
+  // A button that was tapped has the focus, and Enter would be another tap.
+  await page.getByRole("button", { name: "Deutsch" }).click();
+  await scan("1911-7");
+  await expect(page.locator("html")).toHaveAttribute("lang", "de");
+  await expect(number).toHaveValue("1911-7");
+  await page.getByRole("button", { name: "English" }).click();
+  // What is typed into another field stays there.
+  await page.getByLabel("How it lies").focus();
+  await scan("upright");
+  await expect(page.getByLabel("How it lies")).toHaveValue("upright");
+  await expect(number).toHaveValue("1911-7");
+  expect(taken(rig)).toBe(before);
+  await page.getByRole("button", { name: "Press", exact: true }).click();
+  await expect(page.locator(".facts")).toContainText("object 1911-7");
+  await expect.poll(() => taken(rig)).toBe(before + 1);
+});
+
+test("a press, or another order, while another tablet's press is being taken is answered in words", async ({ page, rig, browser }) => {
+  await rig.prepare();
+  await enter(page, rig);
+  const other = await browser.newPage();
+  const watched = watch(other);
+  await enter(other, rig);
+  const before = taken(rig);
+  // One camera's picture comes late, and for so long the press is being taken.
+  await rig.tell("delay c00 3500");
+  await page.getByRole("button", { name: "Press", exact: true }).click();
+  await sign(other, "capturing");
+  await other.getByRole("button", { name: "Press", exact: true }).click();
+  const told = other.locator(".do > .told");
+  await expect(told).toHaveText("Busy: the rig carries out another order, such as a capture. This press took no capture.");
+  await other.locator("[data-say=accept]").click();
+  await expect(other.locator(".say .told")).toContainText("Refused: another order is being carried out");
+  await expect(page.locator(".do > .told")).toContainText("safe on the disk");
+  await rig.tell("delay c00 0");
+  expect(taken(rig)).toBe(before + 1);
+  // Then it is the other tablet's turn.
+  await other.getByRole("button", { name: "Press", exact: true }).click();
+  await expect(told).toContainText("safe on the disk");
+  expect(taken(rig)).toBe(before + 2);
+  expect(watched.errors).toEqual([]);
+  await other.close();
 });
 
 test("a double tap, and a connection that breaks in the middle, take one capture each", async ({ page, rig, expected }) => {

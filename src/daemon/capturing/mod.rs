@@ -196,7 +196,9 @@ impl Capturing {
     /// Sends an order that is not a press, unless another order is being carried out.
     pub(super) fn order(&self, order: Order) {
         if !self.dispatcher.presses().claim() {
-            return order.decline("a capture is being taken");
+            return order.decline(
+                "another order is being carried out, such as a capture: try again in a moment",
+            );
         }
         if let Err(order) = self.send(order) {
             self.dispatcher.presses().release();
