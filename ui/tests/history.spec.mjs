@@ -1,5 +1,5 @@
 // What was scanned: captures, their models in the viewer, photographs, comparisons and downloads.
-import { readdirSync, statSync } from "node:fs";
+import { readFileSync, readdirSync, statSync } from "node:fs";
 import { enter, expect, make, shot, test } from "./fixtures.mjs";
 
 test("a small form of the model and of the preview is made once, and is what browsers load", async ({ page, rig }) => {
@@ -52,6 +52,39 @@ test("photographs stand beside the model, and one that is chosen is shown large"
   await page.getByRole("button", { name: "Close" }).click();
   await expect(page.getByRole("dialog")).toHaveCount(0);
   expect(rig.log("page").slice(logged)).not.toContain("cannot make its photographs");
+});
+
+/** The files that a capture's page offers, in its order, and their media types. */
+const DOWNLOADS = {
+  "model.glb": "model/gltf-binary",
+  "model.ply": "application/octet-stream",
+  "preview.png": "image/png",
+  "report.json": "application/json",
+};
+
+test("each file that is offered is downloaded as it is, under its capture's name, and may do nothing as a page", async ({ page, rig }) => {
+  await rig.prepare();
+  await enter(page, rig, "viewer");
+  const [recording, capture] = make(rig);
+  await page.goto(`http://127.0.0.1:${rig.port}/#/history/${recording}/${capture}`);
+  const links = page.locator(".files a");
+  await expect(links).toHaveText(Object.keys(DOWNLOADS));
+  for (const [name, type] of Object.entries(DOWNLOADS)) {
+    const link = page.getByRole("link", { name, exact: true });
+    const begun = page.waitForEvent("download");
+    await link.click();
+    const download = await begun;
+    expect(download.suggestedFilename()).toBe(`${capture}.${name}`);
+    const bytes = readFileSync(rig.path(`models/${recording}/${capture}/${name}`));
+    expect(readFileSync(await download.path()).equals(bytes), `${name} as it was stored`).toBe(true);
+    const answer = await page.request.get(await link.evaluate((target) => target.href));
+    const headers = answer.headers();
+    expect(headers["content-type"], name).toBe(type);
+    expect(headers["content-disposition"], name).toBe(`attachment; filename="${capture}.${name}"`);
+    expect(headers["content-security-policy"], name).toContain("sandbox");
+    expect(headers["x-content-type-options"], name).toBe("nosniff");
+    expect((await answer.body()).equals(bytes), `${name} as it was sent`).toBe(true);
+  }
 });
 
 test("a model is compared with one of the same object in an earlier session", async ({ page, rig }) => {

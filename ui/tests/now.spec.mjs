@@ -46,6 +46,38 @@ test("each sign has a form and a word of its own, and says what to do, in each l
   await expect(page.locator(".now h1")).toHaveText("Hands may move");
 });
 
+/** Notes each sign that a page shows from then on, with its word; a function that tells them so far. */
+async function noteSigns(page) {
+  await page.evaluate(() => {
+    window.signs = [];
+    const note = () => {
+      const { sign } = document.querySelector("[data-sign]").dataset;
+      const shown = `${sign}: ${document.querySelector(".now h1").textContent.trim()}`;
+      if (shown !== window.signs.at(-1)) window.signs.push(shown);
+    };
+    const watched = { subtree: true, childList: true, characterData: true, attributes: true, attributeFilter: ["data-sign"] };
+    new MutationObserver(note).observe(document.querySelector("scand-now"), watched);
+  });
+  return () => page.evaluate(() => window.signs);
+}
+
+test("a press is followed by `Hold still`, `Hands may move` and `Safe on disk`, on a screen that only looks", async ({ page, rig }) => {
+  await rig.prepare();
+  await enter(page, rig, "viewer");
+  await sign(page, "ready", "green", "amber", "red", "failed");
+  const signs = await noteSigns(page);
+  const way = ["capturing: Hold still", "hands_may_move: Hands may move", "safe: Safe on disk"];
+  // A quick disk makes a capture durable before the next event is sent, a tenth of a second later: then another press
+  // shows it.
+  await expect(async () => {
+    const before = (await signs()).length;
+    rig.scand("trigger", "--socket", "scand.sock", "--until", "durable");
+    const since = async () => (await signs()).slice(before);
+    await expect.poll(since, { timeout: 5_000 }).toContain(way[2]);
+    expect((await since()).slice(0, 3)).toEqual(way);
+  }).toPass({ timeout: 60_000 });
+});
+
 test("a daemon that is away, a capture that fails, a red model and a camera that is away are told", async ({ page, rig }) => {
   await rig.prepare();
   await enter(page, rig);

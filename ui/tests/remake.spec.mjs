@@ -1,5 +1,6 @@
 // A model that is made again with other settings.
-import { enter, expect, shot, test } from "./fixtures.mjs";
+import { enter, expect, make, shot, test } from "./fixtures.mjs";
+import { until } from "./rig.mjs";
 
 test("a model is made again with other settings, beside the first", async ({ page, rig }) => {
   await rig.prepare();
@@ -30,4 +31,46 @@ test("a model is made again with other settings, beside the first", async ({ pag
   rig.scand("note", "--socket", "scand.sock", name, "reject", "a hand");
   await expect(page.locator("p.row > .decision")).toHaveText("rejected");
   await expect(page.locator("[data-compared] .decision").first()).toHaveText("rejected");
+});
+
+/** Asks for so many remakes of a capture, as the page does, each with other settings; how each was answered. */
+function askForRemakes(page, capture, count) {
+  const ask = async ({ capture, count }) => {
+    const { token } = await (await fetch("/api/me")).json();
+    const headers = { "Content-Type": "application/json", "X-Scand-Token": token };
+    const answers = [];
+    for (let n = 0; n < count; n++) {
+      const body = JSON.stringify({ capture, settings: { "hull.resolution": 41 + n } });
+      const answer = await fetch("/api/remake", { method: "POST", headers, body });
+      answers.push((await answer.json()).type);
+    }
+    return answers;
+  };
+  return page.evaluate(ask, { capture, count });
+}
+
+test("no more than ten remakes wait, and an eleventh is refused in words", async ({ page, rig }) => {
+  test.setTimeout(240_000);
+  await rig.prepare();
+  await enter(page, rig);
+  const [recording, capture] = make(rig);
+  await page.goto(`http://127.0.0.1:${rig.port}/#/history/${recording}/${capture}`);
+  await page.getByText("Make it again with other settings").click();
+  expect(await askForRemakes(page, capture, 10)).toEqual(Array(10).fill("ok"));
+  // One of them is being made, so that there is room for another one, and further ones as they are made.
+  const told = page.locator(".remake .told");
+  const asked = [];
+  while (asked.length < 15 && !asked.at(-1)?.startsWith("Refused")) {
+    await page.getByLabel("Cells along the object").fill(String(60 + asked.length));
+    const answered = page.waitForResponse("**/api/remake");
+    await page.getByRole("button", { name: "Make it again", exact: true }).click();
+    await answered;
+    await expect(told).toHaveText(/^(Refused|Done): /);
+    asked.push(await told.textContent());
+  }
+  expect(asked.at(-1)).toBe("Refused: 10 remakes wait already: try again when one is done");
+  const { remakes } = rig.status().models;
+  expect(remakes).toBeLessThanOrEqual(11);
+  // The other cases have the processors for themselves.
+  await until("all are made", () => rig.status().models.remakes === 0, 150);
 });

@@ -49,6 +49,7 @@ test("what to do is what is wrong now, as `scand check` judges it, in the page's
   kinect.lost_frames = 7;
   // A clock of which only a remark tells.
   status.cameras.c01 = { ...ready, remarks: ["PTP: Listening, expected Slave or Master", "its lens is warm"] };
+  status.cameras.c02 = { ...ready, state: "opening", words: "" };
   status.plates_age_h = 13;
   const todo = main.locator("section.card").first().locator("li");
   await expect(todo).toHaveText([
@@ -56,6 +57,7 @@ test("what to do is what is wrong now, as `scand check` judges it, in the page's
     /^kinect lost frames since the daemon started \(7\): check its link/,
     /^c01: PTP: Listening, expected Slave or Master\. Run a PTP master/,
     /^c01: its lens is warm$/,
+    /^c02 is being opened: wait a moment\.$/,
     /^The background pictures are 13 h old/,
   ]);
   await inGerman(page, async () => {

@@ -282,6 +282,7 @@ export const de: Words = {
   todo: "Was zu tun ist",
   todo_nothing: "Alles in Ordnung.",
   todo_camera: "{camera} fehlt ({words}). Prüfen Sie Kabel und Strom; `scand check` auf dem Rechner der Anlage sucht weiter.",
+  todo_opening: "{camera} wird geöffnet: warten Sie einen Augenblick.",
   todo_lost: "{camera} verlor Bilder, seit der Dienst läuft ({n}): prüfen Sie ihre Verbindung, also Kabel, Switch, packet_delay_ns und Empfangspuffer.",
   todo_ptp: "Lassen Sie im Netz der Kameras eine führende PTP-Uhr laufen (ptp4l oder eine Kamera), und warten Sie eine halbe Minute, bis die Uhr ihr folgt.",
   todo_plates_none: "Nehmen Sie Hintergrundbilder der leeren Anlage auf.",

@@ -280,6 +280,7 @@ export const en = {
   todo: "What to do",
   todo_nothing: "Nothing is wrong.",
   todo_camera: "{camera} is away ({words}). Check its cable and its power; `scand check` on the rig's computer looks further.",
+  todo_opening: "{camera} is being opened: wait a moment.",
   todo_lost: "{camera} lost frames since the daemon started ({n}): check its link, which is its cable, the switch, packet_delay_ns and the receive buffers.",
   todo_ptp: "Run a PTP master on the cameras' network (ptp4l, or a camera), and wait half a minute until the clock follows it.",
   todo_plates_none: "Take background pictures of the empty rig.",
