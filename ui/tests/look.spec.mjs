@@ -59,6 +59,7 @@ test("a look ends with the daemon, and goes on with a full disk, the depth camer
   const alert = page.getByRole("alert");
   await expect(alert).toContainText("There are no pictures: the daemon does not answer");
   await expect(cards).toHaveCount(0);
+  await inGerman(page, () => expect(alert).toContainText(/Es gibt keine Bilder: der Dienst antwortet nicht: (diese Datei|die Verbindung|die Gegenseite|die Daten)/)); // German
   try {
     Object.assign(rig.options, { keepFree: 900_000_000, depth: true });
     await rig.startDaemon();
