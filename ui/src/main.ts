@@ -119,10 +119,13 @@ class Page extends LitElement {
     const now = live.now();
     const sign = now?.sign ?? "unknown";
     this.sound(sign, now?.capture ?? "");
-    if (sign !== this.sign) {
-      this.sign = sign;
-      document.title = `${t(`sign_${sign}` as Key)} – scand`;
-    }
+    if (sign === this.sign) return;
+    this.sign = sign;
+    this.entitle();
+  }
+
+  private entitle(): void {
+    if (this.sign !== "") document.title = `${t(`sign_${this.sign}` as Key)} – scand`;
   }
 
   /** A tone for each news, once: neither a connection that comes back nor a page that was just opened is news. */
@@ -166,6 +169,7 @@ class Page extends LitElement {
 
   private speak(tag: string): void {
     choose(tag);
+    this.entitle();
     this.requestUpdate();
     dispatchEvent(new Event("scand-language"));
   }

@@ -110,11 +110,16 @@ test("a model is compared with one of the same object in an earlier session", as
   await page.locator("[data-compared] thead a").click();
   await expect(page.locator("h1")).toHaveText(earlier[1]);
   // In the history, an earlier session is chosen from the list.
-  await page.evaluate(() => (location.hash = "#/history"));
-  await page.locator("#recording").selectOption(earlier[0]);
+  await page.evaluate((hash) => (location.hash = hash), `#/history/${later[0]}`);
+  const sessions = page.locator("#recording");
+  await expect(sessions).toHaveValue(later[0]);
+  await sessions.selectOption(earlier[0]);
   await expect(page.getByRole("heading", { name: `Captures of ${earlier[0]}` })).toBeVisible();
   await expect(page.locator(".strip li").filter({ hasText: earlier[1] })).toHaveCount(1);
   await expect(page.locator(".strip li").filter({ hasText: later[1] })).toHaveCount(0);
+  await page.goBack();
+  await expect(page.getByRole("heading", { name: `Captures of ${later[0]}` })).toBeVisible();
+  await expect(sessions).toHaveValue(later[0]);
 });
 
 test("captures of today are in the history after the daemon and the page were started again", async ({ page, rig }) => {

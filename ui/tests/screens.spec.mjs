@@ -143,6 +143,7 @@ test("the keyboard alone presses, and the page speaks German", async ({ page, ri
   await page.getByRole("button", { name: "Deutsch" }).click();
   await expect(page.getByRole("button", { name: "Auslösen" })).toBeVisible();
   await expect(page.locator("html")).toHaveAttribute("lang", "de");
+  await expect(page).toHaveTitle(/^(Bereit|Modell \S+) – scand$/); // German
   await page.getByLabel("Nummer des Objekts").focus();
   await page.keyboard.press("Tab");
   await expect(page.locator("#placement")).toBeFocused();

@@ -13,15 +13,18 @@ test("reasons are in the page's language, and a list that is cut says so", async
   const capture = { capture: "fake-0001", recording: "fake", verdict: "red", reasons, subject: null, placement: null, time_s: null };
   const rest = { decision: null, notes: [], has_preview: false, has_model: false, model_tag: null };
   await page.route("**/api/recordings/fake", (route) => route.fulfill({ json: { captures: [{ ...capture, ...rest }], all: 1201 } }));
-  await page.route("**/report.json", (route) => route.fulfill({ json: {} }));
+  const provenance = [{ provenance: "of_another_version", share: 1, mean_expected_error: 0.001 }];
+  await page.route("**/report.json", (route) => route.fulfill({ json: { model: { provenance } } }));
   await page.route("**/photographs", (route) => route.fulfill({ body: "[]\n" }));
   await page.getByRole("button", { name: "Deutsch" }).click();
   await page.evaluate(() => (location.hash = "#/history/fake"));
   await expect(page.locator(".strip .quiet")).toContainText("reicht bis an den Rand eines Bildes.");
   await expect(page.locator("[data-cut]")).toContainText("1200");
+  await expect(page.locator("#recording")).toHaveValue("fake");
   await page.locator(".strip a").click();
   await expect(page.locator("main")).toContainText("Rand eines Bildes. c03 cuts it");
   await expect(page.locator("main")).toContainText("<b>new</b>");
+  await expect(page.getByRole("rowheader", { name: "of_another_version" })).toBeVisible();
   // The details are the daemon's; those that the catalogue has are in the page's language, and the others marked.
   await expect(page.locator("main")).toContainText("der Umriss des Objekts ist unscharf: c00 (3.0 px), c02 (2.1 px), 2 weitere"); // German
   await expect(page.locator("main")).toContainText("kinect (5.1 mm mehr); insgesamt 9.3 mm");
