@@ -1,8 +1,8 @@
-// Requests that mean no good, and names that are full of markup.
+// Requests that mean no good, names that are full of markup, and where the secrets of a session are not.
 import { randomBytes } from "node:crypto";
-import { readFileSync } from "node:fs";
+import { readFileSync, readdirSync } from "node:fs";
 import { createConnection } from "node:net";
-import { enter, expect, shot, sign, taken, test } from "./fixtures.mjs";
+import { enter, expect, pressFor, shot, sign, taken, test } from "./fixtures.mjs";
 
 const MARKUP = `<img src=x onerror="alert(1)"><script>alert(2)</script>`;
 
@@ -90,4 +90,28 @@ test("hostile requests by the thousand press nothing, and the page's memory stay
   expect(taken(rig)).toBe(before);
   const health = await fetch(`http://127.0.0.1:${rig.port}/healthz`);
   expect(health.status).toBe(200);
+});
+
+test("a session that is revoked is over at once, its page says so, and its secrets are nowhere", async ({ page, rig, expected }) => {
+  expected.push("401");
+  await rig.prepare();
+  const link = rig.link();
+  await page.goto(link);
+  await expect(page.locator("nav")).toBeVisible();
+  // What it presses is recorded.
+  await pressFor(page, rig, "7.1");
+  const [cookie] = await page.context().cookies();
+  const secrets = [link.split("#pair=")[1], cookie.value];
+  const files = ["page.log", "daemon.log", "rig.toml", "page.toml", "page-state/sessions.json"];
+  const recordings = readdirSync(rig.path("recordings")).filter((name) => /\.(mcap|jsonl)/.test(name));
+  expect(recordings.length).toBeGreaterThan(0);
+  for (const name of [...files, ...recordings.map((recording) => `recordings/${recording}`)]) {
+    const bytes = readFileSync(rig.path(name));
+    expect(secrets.filter((secret) => bytes.includes(secret)), name).toEqual([]);
+  }
+  rig.scand("page", "revoke", "--all", "--config", "page.toml");
+  await expect(page.locator("pre")).toHaveText("scand page pair", { timeout: 20_000 });
+  await expect(page.getByRole("alert")).toHaveText("This session is over: it was ended, or its time is up.");
+  const kept = readFileSync(rig.path("page-state/sessions.json"), "utf8");
+  expect(kept.trim()).toBe("[]");
 });
