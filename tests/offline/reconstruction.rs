@@ -186,7 +186,10 @@ mod long {
                     let is_hull =
                         |p: &Provenance| matches!(p, Provenance::Hull | Provenance::Table);
                     assert!(found.model.provenance.iter().all(is_hull), "{what}");
-                    let faired = found.fairing.as_ref().and_then(|faired| faired.as_ref().ok());
+                    let faired = found
+                        .fairing
+                        .as_ref()
+                        .and_then(|faired| faired.as_ref().ok());
                     let held = faired.and_then(|facts| facts.held_by_depth_area);
                     assert!(held.is_none_or(|area| area == 0.0), "{what}: {held:?}");
                 }
