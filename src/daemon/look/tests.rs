@@ -175,7 +175,7 @@ fn a_shot_waits_for_the_picture_in_transfer_and_not_for_one_that_never_comes() {
     assert!(rig.begin_look(&c01, long));
     assert!(!rig.begin_look(&c01, long), "one is in transfer");
     let look = wait_for_look(&mut rig);
-    assert_eq!(look.outcome.unwrap().0.len(), 1);
+    assert_eq!(look.outcome.unwrap().frames.len(), 1);
     // One that is in transfer is over then, and dropped.
     assert!(rig.begin_look(&c01, long));
     rig.end_look(&heartbeat);
