@@ -95,7 +95,7 @@ impl BinnedLooks {
             failures: 0,
         };
         if !BINNING.iter().all(|name| features.has(name)) {
-            found.give_up(&format!("it has no {}", BINNING.join(" and ")));
+            found.give_up("it has no BinningHorizontal and BinningVertical");
         }
         Some(found)
     }

@@ -169,7 +169,9 @@ impl OpenCamera {
             Err(fault @ Fault::Refused { .. }) => {
                 let why = format!("it did not come back from a small one ({fault})");
                 self.give_up(&why);
-                Err(Fault::Away(format!("{why}, and is opened anew")))
+                Err(Fault::Away(format!(
+                    "it did not come back from a small one ({fault}), and is opened anew"
+                )))
             }
             came => came,
         }
