@@ -7,7 +7,7 @@ use crate::stand::{CAPTURES, Stand, id};
 use crossbeam_channel::{Receiver, unbounded};
 use scand::drivers::aravis::{Parameters, Region};
 use scand::drivers::live::{
-    Backoff, CameraEvent, Device, Fault, LookResult, Message, ShotStats, supervise,
+    Backoff, CameraEvent, Device, Driver, Fault, LookResult, Message, ShotStats, supervise,
 };
 use scand::frame::{Frame, Picture};
 use scand_lab::serve::ColorOptions;
@@ -90,7 +90,8 @@ fn looks_are_half_as_large_and_the_next_press_is_whole_and_set_as_before() {
             ] {
                 stand.rig.set_register(&id("c00"), address, value);
             }
-            let mut device = stand.open("c00", parameters(&stand)).unwrap();
+            let mut driver = stand.driver("c00", parameters(&stand));
+            let mut device = driver.open().unwrap();
             let info = device.info().clone();
             assert_eq!((info.size, info.remarks.len()), (SIZE, 0), "{info:?}");
             assert!(is_as_it_was(&stand));
@@ -109,6 +110,12 @@ fn looks_are_half_as_large_and_the_next_press_is_whole_and_set_as_before() {
             }
             assert_eq!(sizes, [SIZE, SMALL, SMALL, SMALL, SIZE]);
             assert_eq!(*device.info(), info);
+            // Once is enough: what a camera sends when it is opened again could disturb a capture.
+            drop(device);
+            let served = || stand.rig.served(&id("c00")).unwrap();
+            let before = served();
+            let device = driver.open().unwrap();
+            assert_eq!((served(), device.info().size), (before, SIZE));
         },
     );
 }

@@ -46,9 +46,14 @@ const WATCHED: [&str; 22] = [
     "GevSCPD",
 ];
 
-/// Why a camera gives no small pictures, in words. It is set once and holds until the daemon ends, also when the camera
-/// is opened anew, so that no camera is lost to looks again and again.
-pub(super) type WhyWhole = Arc<OnceLock<String>>;
+/// What is known of a camera's small pictures until the daemon ends, also when the camera is opened anew: so no camera
+/// is lost to looks again and again, and none that comes back sends pictures of a trial while others take a capture.
+#[derive(Default)]
+pub(super) struct Experience {
+    /// Why it gives none, in words.
+    why_whole: OnceLock<String>,
+    has_passed: OnceLock<()>,
+}
 
 /// The small pictures of one open camera.
 pub(super) struct BinnedLooks {
@@ -56,7 +61,7 @@ pub(super) struct BinnedLooks {
     offsets: Vec<&'static str>,
     /// What the capture needs, as it was read when the camera had been set.
     needed: Vec<(String, Value)>,
-    why_whole: WhyWhole,
+    experience: Arc<Experience>,
     /// How long the fastest whole picture took: one right after a small one may be slow because of that.
     whole_took: Option<Duration>,
     whole_at: Option<Instant>,
@@ -71,7 +76,7 @@ impl BinnedLooks {
     pub(super) fn find(
         camera: &Camera,
         parameters: &Parameters,
-        why_whole: WhyWhole,
+        experience: Arc<Experience>,
     ) -> Option<Self> {
         let region = parameters
             .region
@@ -87,7 +92,7 @@ impl BinnedLooks {
             region,
             offsets: offsets.filter(|name| features.has(name)).collect(),
             needed: needed.collect(),
-            why_whole,
+            experience,
             whole_took: None,
             whole_at: None,
             small_at: None,
@@ -102,13 +107,27 @@ impl BinnedLooks {
 
     /// Why no small pictures are taken, in words; `None` if they are.
     pub(super) fn why_whole(&self) -> Option<&str> {
-        self.why_whole.get().map(String::as_str)
+        self.experience.why_whole.get().map(String::as_str)
+    }
+
+    /// Whether it is not known yet if small pictures are safe and pay.
+    pub(super) fn needs_trial(&self) -> bool {
+        self.why_whole().is_none() && self.experience.has_passed.get().is_none()
+    }
+
+    /// Notes that a trial is over, and forgets its pictures, so that the first one of a look is whole.
+    pub(super) fn end_trial(&mut self) {
+        if self.why_whole().is_none() {
+            let _ = self.experience.has_passed.set(());
+        }
+        (self.whole_at, self.small_at) = (None, None);
+        (self.in_a_row, self.failures) = (0, 0);
     }
 
     /// Takes no small pictures from now on; the first reason stays.
     pub(super) fn give_up(&self, why: &str) {
         let why = format!("looks take whole pictures although binned_looks is set: {why}");
-        let _ = self.why_whole.set(why);
+        let _ = self.experience.why_whole.set(why);
     }
 
     /// Width and height of small pictures in pixels.
@@ -164,12 +183,6 @@ impl BinnedLooks {
             )),
             _ => None,
         }
-    }
-
-    /// Forgets the pictures of a trial, so that the first one of a look is whole.
-    pub(super) fn begin_anew(&mut self) {
-        (self.whole_at, self.small_at) = (None, None);
-        (self.in_a_row, self.failures) = (0, 0);
     }
 
     /// Whether a small picture was taken just before, once.
@@ -309,7 +322,7 @@ mod tests {
             },
             offsets: Vec::new(),
             needed: Vec::new(),
-            why_whole: WhyWhole::default(),
+            experience: Arc::default(),
             whole_took: None,
             whole_at: None,
             small_at: None,

@@ -2,7 +2,7 @@
 //! folder that are named after them.
 
 use super::action::ActionGroup;
-use super::binning::{BinnedLooks, WhyWhole};
+use super::binning::{BinnedLooks, Experience};
 use super::clock::CameraClock;
 use super::features::Features;
 use super::find::{Found, find, take_control};
@@ -17,7 +17,7 @@ use crate::frame::{CameraId, Frame, Timestamp};
 use aravis::prelude::*;
 use aravis::{Buffer, Camera, GvDevice};
 use std::collections::VecDeque;
-use std::sync::OnceLock;
+use std::sync::{Arc, OnceLock};
 use std::time::{Duration, Instant};
 
 /// Opens one GigE Vision camera, again and again if need be.
@@ -27,7 +27,7 @@ pub struct GigeDriver {
     pool: Pool,
     clock: Clock,
     actions: ActionGroup,
-    why_whole: WhyWhole,
+    binning: Arc<Experience>,
 }
 
 impl GigeDriver {
@@ -45,7 +45,7 @@ impl GigeDriver {
             pool,
             clock,
             actions,
-            why_whole: WhyWhole::default(),
+            binning: Arc::default(),
         }
     }
 }
@@ -111,7 +111,7 @@ impl OpenCamera {
             size: set.size,
             payload: set.payload,
         };
-        let binned = BinnedLooks::find(&camera, &parameters, driver.why_whole.clone());
+        let binned = BinnedLooks::find(&camera, &parameters, driver.binning.clone());
         let mut frames = Frames::open(&camera, &parameters, layout)?;
         let camera_clock = CameraClock::find(&camera, &device, driver.clock);
         frames.begin();

@@ -1,6 +1,7 @@
 //! Takes the pictures of a look with an open camera: whole ones as for a capture, or small ones where the camera joins
 //! pixels and that keeps a press waiting no longer. After each small picture the camera is as it was, or lost.
 
+use super::binning::BinnedLooks;
 use super::camera::OpenCamera;
 use super::parameters::TriggerMode;
 use crate::drivers::live::{Fault, Shot, ShotStats};
@@ -46,23 +47,19 @@ impl OpenCamera {
         }
     }
 
-    /// Tries the way to small pictures and back, with pictures on all three sides of it, before anybody can press.
+    /// Tries the way to small pictures and back when the camera is opened for the first time: with a picture before it,
+    /// one between and one after.
     ///
     /// # Errors
     /// If the camera did not come back as it was, or is away.
     pub(super) fn try_binned_looks(&mut self) -> Result<(), Fault> {
-        if self.binned.is_none() {
-            return Ok(());
-        }
-        if self.why_whole().is_none() {
+        if self.binned.as_ref().is_some_and(BinnedLooks::needs_trial) {
             self.trial()?;
         }
-        if let Some(why) = self.why_whole() {
-            self.info.remarks.push(why);
-        }
         if let Some(binned) = &mut self.binned {
-            binned.begin_anew();
+            binned.end_trial();
         }
+        self.info.remarks.extend(self.why_whole());
         Ok(())
     }
 
