@@ -79,7 +79,7 @@ impl Setting<'_, '_> {
         continuous.map_err(|e| fault("AcquisitionMode", "Continuous", &e))
     }
 
-    /// Ends what a look may have left behind, if looks may be binned: also that of a daemon that did not come to an end.
+    /// Ends what a look may have left behind, if looks may be binned: also a look of a daemon that was killed.
     fn unbinned(&mut self) -> Result<(), Fault> {
         if !self.parameters.has_binned_looks() {
             return Ok(());

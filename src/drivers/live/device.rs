@@ -123,9 +123,10 @@ pub trait Device {
     /// If the camera is away. Lost frames are no error; they are counted in the result.
     fn shoot(&mut self, shot: &Shot, take: &mut dyn FnMut(Frame)) -> Result<ShotStats, Fault>;
 
-    /// Takes a picture for a look: as [`Device::shoot`], but a depth camera gives one frame instead of a burst, a camera
-    /// may join pixels if it is as it was when this ends, and one that waits for a signal of its line gives a copy of what the newest one exposed, which the next shot
-    /// still finds. It is called between shots, and nothing that it takes is recorded.
+    /// Takes a picture for a look: as [`Device::shoot`], but a depth camera gives one frame instead of a burst, and a
+    /// camera that waits for a signal of its line gives a copy of what the newest one exposed, which the next shot
+    /// still finds. A camera may join pixels if it is as it was when this ends. It is called between shots, and nothing
+    /// that it takes is recorded.
     ///
     /// # Errors
     /// If the camera is away.

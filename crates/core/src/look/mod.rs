@@ -93,8 +93,8 @@ pub fn color(picture: &RgbImage, cutting: Result<&Segmentation, String>) -> Colo
     }
 }
 
-/// Looks at a picture for which a colour camera joined squares of `joined` pixels a side. `cutting` is as for [`color`],
-/// for full pictures.
+/// Looks at a picture for which a colour camera joined squares of `joined` pixels a side. `cutting` is for full
+/// pictures, as for [`color`].
 pub fn binned(
     picture: &RgbImage,
     joined: usize,

@@ -370,7 +370,7 @@ unsafe extern "C" fn fill(
 /// Numbers of the formats with a Bayer pattern (GenICam Pixel Format Naming Convention).
 const BAYER: std::ops::RangeInclusive<u32> = 0x0108_0008..=0x0108_000b;
 
-/// A picture whose pixels are the means of squares of `by` pixels a side; with a Bayer pattern, of pixels of one colour.
+/// A picture whose pixels are the means of squares of `by` pixels a side; with a Bayer pattern, each of one colour.
 fn joined(picture: &Pixels, by: u32) -> Pixels {
     let bytes = picture.pixel_bytes();
     let by = by as usize;
