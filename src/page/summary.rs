@@ -189,7 +189,7 @@ mod tests {
     }
 
     /// The sources that say what the catalogue knows word for word.
-    const SOURCES: [&str; 47] = [
+    const SOURCES: [&str; 50] = [
         include_str!("../commands/live/models.rs"),
         include_str!("../commands/make_look.rs"),
         include_str!("../daemon/capturing/assemble.rs"),
@@ -199,14 +199,17 @@ mod tests {
         include_str!("../daemon/capturing/capture_thread/sessions.rs"),
         include_str!("../daemon/capturing/mod.rs"),
         include_str!("../daemon/look/maker.rs"),
+        include_str!("../daemon/look/measured.rs"),
         include_str!("../daemon/notes.rs"),
         include_str!("../daemon/presses/mod.rs"),
         include_str!("../daemon/recorder.rs"),
         include_str!("../daemon/rig.rs"),
         include_str!("../daemon/rig/looking.rs"),
         include_str!("../daemon/status.rs"),
+        include_str!("../drivers/aravis/binning.rs"),
         include_str!("../drivers/aravis/camera.rs"),
         include_str!("../drivers/aravis/find.rs"),
+        include_str!("../drivers/aravis/look.rs"),
         include_str!("../drivers/aravis/precision_time.rs"),
         include_str!("../drivers/aravis/shoot.rs"),
         include_str!("../drivers/aravis/stream.rs"),

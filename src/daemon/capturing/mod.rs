@@ -144,6 +144,7 @@ impl Capturing {
             maker: plan.look.as_ref().map(start).transpose().map_err(io)?,
             looks: looks.clone(),
             turns: Turns::default(),
+            told: std::collections::BTreeMap::new(),
         };
         let can_look = looking.maker.is_some();
         let capture_thread = CaptureThread::new(
