@@ -276,7 +276,6 @@ class CapturePart extends Part {
           this.wanted(),
           html`<canvas tabindex="0" role="application" aria-label=${t("viewer_label")}></canvas>`,
         )}
-        <p role="status">${this.view || this.measuring}</p>
         <div class="row" role="group" aria-label=${t("view_as")}>
           ${MODES.map(
             (mode) =>
@@ -285,7 +284,12 @@ class CapturePart extends Part {
               </button>`,
           )}
           <button data-measure @click=${this.measure}>${t("measure")}</button>
+          <button aria-label=${t("view_in")} @click=${() => this.viewer?.zoomIn()}>+</button>
+          <button aria-label=${t("view_out")} @click=${() => this.viewer?.zoomOut()}>−</button>
+          <button data-reset @click=${() => this.viewer?.reset()}>${t("view_reset")}</button>
         </div>
+        <p class="told" role="status">${this.view || this.measuring}</p>
+        <p class="quiet">${t("viewer_hint")}</p>
         ${this.legend()}
       </section>
     `;

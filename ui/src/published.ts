@@ -20,6 +20,7 @@ class Shown {
   private readonly canvas = element("canvas", "", { tabindex: "0", role: "application", "aria-label": en.viewer_label });
   private readonly status = element("p", "", { role: "status" });
   private readonly buttons = element("div", "", { class: "buttons", role: "group", "aria-label": en.view_as });
+  private readonly hint = element("p", en.viewer_hint);
   private readonly legend = element("ul", "", { class: "legend" });
   private viewer: Viewer | null = null;
   private mode: Mode = "textured";
@@ -35,12 +36,13 @@ class Shown {
     const [first, ...further] = this.levels;
     if (!first) return;
     this.picture.replaceWith(this.canvas);
-    this.section.append(this.status, this.buttons, this.legend);
+    this.section.append(this.buttons, this.status, this.hint, this.legend);
     try {
       this.viewer = await Viewer.open(this.canvas, first.address, (mm) => this.measured(mm));
     } catch (error) {
       this.canvas.replaceWith(this.picture);
       this.buttons.remove();
+      this.hint.remove();
       this.legend.remove();
       this.status.textContent = en.viewer_failed.replace("{reason}", String(error));
       return;
@@ -64,6 +66,9 @@ class Shown {
       this.status.textContent = en.measure_first;
     });
     this.buttons.append(measure);
+    this.move("+", en.view_in, (viewer) => viewer.zoomIn());
+    this.move("−", en.view_out, (viewer) => viewer.zoomOut());
+    this.move(en.view_reset, en.view_reset, (viewer) => viewer.reset());
     const all = further.at(-1);
     if (!all) return;
     const button = element("button", `Full detail (${all.words})`, { "data-full": "" });
@@ -71,6 +76,13 @@ class Shown {
       button.disabled = true;
       void this.load(all.address);
     });
+    this.buttons.append(button);
+  }
+
+  /** A button that moves the eye. */
+  private move(text: string, label: string, moved: (viewer: Viewer) => void): void {
+    const button = element("button", text, { "aria-label": label });
+    button.addEventListener("click", () => this.viewer && moved(this.viewer));
     this.buttons.append(button);
   }
 

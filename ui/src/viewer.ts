@@ -29,6 +29,12 @@ const PROVENANCE = ["#0072b2", "#56b4e9", "#009e73", "#f0e442", "#d55e00", "#999
 /** From small to large. */
 const ERROR = ["#440154", "#3b528b", "#21918c", "#5ec962", "#fde725"];
 const STEP = Math.PI / 16;
+/** By how much one press of a button or a key zooms. */
+const NEARER = 0.85;
+/** From how far a model is seen at first, in its own diagonals. */
+const START = 1.7;
+/** A pointer that moved by more pixels between down and up turned the model, and did not tap it. */
+const TAP = 8;
 
 export class Viewer {
   private readonly renderer: WebGLRenderer;
@@ -41,6 +47,8 @@ export class Viewer {
   private points: Vector3[] = [];
   private marks: Mesh[] = [];
   private isMeasuring = false;
+  /** Whether the wheel alone zooms, and a finger turns in all directions: since a click or tap on the picture. */
+  private isHeld = false;
   private pressed = new Vector2();
   private largest = 0;
   private frame = 0;
@@ -76,18 +84,26 @@ export class Viewer {
     this.light();
     this.controls = new OrbitControls(this.camera, canvas);
     this.controls.target.copy(box.getCenter(new Vector3()));
-    this.camera.position.copy(this.controls.target).add(new Vector3(0.6, 0.5, 1).setLength(this.size * 1.7));
+    this.camera.position.copy(this.controls.target).add(new Vector3(0.6, 0.5, 1).setLength(this.size * START));
     this.camera.near = this.size / 100;
     this.camera.far = this.size * 20;
     this.controls.minDistance = this.size / 10;
     this.controls.maxDistance = this.size * 8;
-    this.controls.addEventListener("change", () => this.draw());
+    this.controls.addEventListener("change", this.moved);
     this.controls.update();
+    this.controls.saveState();
+    this.moved();
     this.resized = new ResizeObserver(() => this.fit());
     this.resized.observe(canvas);
     canvas.addEventListener("keydown", this.key);
     canvas.addEventListener("pointerdown", this.down);
     canvas.addEventListener("pointerup", this.up);
+    canvas.addEventListener("pointerleave", this.left);
+    canvas.addEventListener("blur", this.release);
+    // Before the controls hear of it.
+    canvas.addEventListener("wheel", this.wheel, { capture: true, passive: true });
+    canvas.addEventListener("touchmove", this.touched, { passive: false });
+    this.hold(false);
     this.fit();
   }
 
@@ -180,6 +196,55 @@ export class Viewer {
     this.draw();
   }
 
+  /** Sees the model from a part or a multiple of the distance. */
+  private approach(factor: number): void {
+    const offset = this.camera.position.clone().sub(this.controls.target).multiplyScalar(factor);
+    this.camera.position.copy(this.controls.target).add(offset);
+    this.controls.update();
+  }
+
+  zoomIn(): void {
+    this.approach(NEARER);
+  }
+
+  zoomOut(): void {
+    this.approach(1 / NEARER);
+  }
+
+  /** Shows the model from where it was seen first. */
+  reset(): void {
+    this.controls.reset();
+  }
+
+  private readonly moved = () => {
+    const distance = this.camera.position.distanceTo(this.controls.target);
+    // For whoever looks how near it is: 2.00 is half as far away as at first.
+    this.canvas.dataset.zoom = ((this.size * START) / distance).toFixed(2);
+    this.draw();
+  };
+
+  /** The picture keeps the wheel and vertical swipes to itself, or leaves them to the page, which scrolls. */
+  private hold(isHeld: boolean): void {
+    this.isHeld = isHeld;
+    this.canvas.style.touchAction = isHeld ? "none" : "pan-y";
+  }
+
+  private readonly release = () => this.hold(false);
+
+  private readonly left = (event: PointerEvent) => {
+    if (event.pointerType === "mouse") this.hold(false);
+  };
+
+  private readonly wheel = (event: WheelEvent) => {
+    // A pinch on a touchpad comes as a wheel with Ctrl.
+    if (!this.isHeld && !event.ctrlKey && !event.metaKey) event.stopImmediatePropagation();
+  };
+
+  private readonly touched = (event: TouchEvent) => {
+    // Two fingers zoom, and do not scroll.
+    if (event.touches.length > 1 && event.cancelable) event.preventDefault();
+  };
+
   private readonly down = (event: PointerEvent) => {
     this.pressed.set(event.clientX, event.clientY);
   };
@@ -187,7 +252,9 @@ export class Viewer {
   private readonly up = (event: PointerEvent) => {
     // A tap, and not the end of a turn.
     const moved = this.pressed.distanceTo(new Vector2(event.clientX, event.clientY));
-    if (!this.isMeasuring || moved > 8) return;
+    if (moved > TAP) return;
+    this.hold(true);
+    if (!this.isMeasuring) return;
     const box = this.canvas.getBoundingClientRect();
     const x = ((event.clientX - box.left) / box.width) * 2 - 1;
     const y = 1 - ((event.clientY - box.top) / box.height) * 2;
@@ -221,8 +288,8 @@ export class Viewer {
       ArrowRight: () => offset.applyAxisAngle(up, STEP),
       ArrowUp: () => offset.applyAxisAngle(side, -STEP),
       ArrowDown: () => offset.applyAxisAngle(side, STEP),
-      "+": () => offset.multiplyScalar(0.85),
-      "-": () => offset.multiplyScalar(1.18),
+      "+": () => offset.multiplyScalar(NEARER),
+      "-": () => offset.multiplyScalar(1 / NEARER),
     };
     const turn = turns[event.key];
     if (!turn) return;
@@ -230,7 +297,6 @@ export class Viewer {
     turn();
     this.camera.position.copy(this.controls.target).add(offset);
     this.controls.update();
-    this.draw();
   };
 
   /** Frees what the viewer holds. */
@@ -240,6 +306,10 @@ export class Viewer {
     this.canvas.removeEventListener("keydown", this.key);
     this.canvas.removeEventListener("pointerdown", this.down);
     this.canvas.removeEventListener("pointerup", this.up);
+    this.canvas.removeEventListener("pointerleave", this.left);
+    this.canvas.removeEventListener("blur", this.release);
+    this.canvas.removeEventListener("wheel", this.wheel, { capture: true });
+    this.canvas.removeEventListener("touchmove", this.touched);
     this.controls.dispose();
     for (const mesh of this.meshes) mesh.geometry.dispose();
     this.renderer.dispose();

@@ -54,6 +54,47 @@ test("photographs stand beside the model, and one that is chosen is shown large"
   expect(rig.log("page").slice(logged)).not.toContain("cannot make its photographs");
 });
 
+test("the wheel scrolls the page over a model, and zooms with Ctrl or after a click; its buttons are seen with it", async ({ page, rig }) => {
+  await rig.prepare();
+  await enter(page, rig, "viewer");
+  const [recording, capture] = make(rig);
+  await page.goto(`http://127.0.0.1:${rig.port}/#/history/${recording}/${capture}`);
+  const canvas = page.locator("canvas[data-loaded]");
+  await expect(canvas).toHaveAttribute("data-zoom", "1.00");
+  await expect(page.locator(".photographs img")).toHaveCount(rig.options.cameras);
+  const box = await canvas.boundingBox();
+  expect(box.height).toBeLessThanOrEqual(768 * 0.55);
+  await expect(page.locator("[data-mode=textured]")).toBeInViewport({ ratio: 1 });
+  const [x, y] = [box.x + box.width / 2, box.y + box.height / 2];
+  const scrolled = () => page.evaluate(() => scrollY);
+  await page.mouse.move(x, y);
+  await page.mouse.wheel(0, 100);
+  await expect.poll(scrolled).toBe(100);
+  await expect(canvas).toHaveAttribute("data-zoom", "1.00");
+  await page.evaluate(() => scrollTo(0, 0));
+  await page.keyboard.down("Control");
+  await page.mouse.wheel(0, -100);
+  await page.keyboard.up("Control");
+  await expect(canvas).not.toHaveAttribute("data-zoom", "1.00");
+  const reset = page.getByRole("button", { name: "Reset the view" });
+  await reset.click();
+  await expect(canvas).toHaveAttribute("data-zoom", "1.00");
+  // After a click the wheel alone zooms, until the pointer leaves the picture.
+  await page.evaluate(() => scrollTo(0, 0));
+  await page.mouse.click(x, y);
+  await page.mouse.wheel(0, -100);
+  await expect(canvas).not.toHaveAttribute("data-zoom", "1.00");
+  expect(await scrolled()).toBe(0);
+  await reset.click();
+  await page.getByRole("button", { name: "Zoom in" }).click();
+  await expect(canvas).toHaveAttribute("data-zoom", "1.18");
+  await page.evaluate(() => scrollTo(0, 0));
+  await page.mouse.move(x, y);
+  await page.mouse.wheel(0, 100);
+  await expect.poll(scrolled).toBe(100);
+  await expect(canvas).toHaveAttribute("data-zoom", "1.18");
+});
+
 /** The files that a capture's page offers, in its order, and their media types. */
 const DOWNLOADS = {
   "model.glb": "model/gltf-binary",
