@@ -10,7 +10,7 @@ import { live } from "./live";
 import "./photographs";
 import "./remake";
 import { isKey, type Key, t } from "./words";
-import type { Mode, Viewer } from "./viewer";
+import type { Measured, Mode, Viewer } from "./viewer";
 
 const MODES: Mode[] = ["textured", "shaded", "provenance", "error"];
 const FILES = ["model.glb", "model.ply", "preview.png", "report.json"];
@@ -53,6 +53,7 @@ class CapturePart extends Part {
     mode: { state: true },
     view: { state: true },
     measuring: { state: true },
+    isMeasuring: { state: true },
     scale: { state: true },
   };
   declare recording: string;
@@ -69,7 +70,9 @@ class CapturePart extends Part {
   declare model: Model;
   declare mode: Mode;
   declare view: string;
+  /** What is said of measuring, and whether a tap on the model measures now. */
   declare measuring: string;
+  declare isMeasuring: boolean;
   declare scale: [number, string][];
   private viewer: Viewer | null = null;
   private name = "";
@@ -93,6 +96,7 @@ class CapturePart extends Part {
     this.mode = "textured";
     this.view = "";
     this.measuring = "";
+    this.isMeasuring = false;
     this.scale = [];
   }
 
@@ -130,6 +134,7 @@ class CapturePart extends Part {
     this.loaded = "";
     this.view = "";
     this.measuring = "";
+    this.isMeasuring = false;
     this.scale = [];
   }
 
@@ -189,7 +194,7 @@ class CapturePart extends Part {
     this.view = t("viewer_loading");
     try {
       const { Viewer } = await import("./viewer");
-      const opened = await Viewer.open(canvas, address, (mm) => this.measured(mm));
+      const opened = await Viewer.open(canvas, address, (told) => this.measured(told));
       // Another model is shown by now.
       if (this.loaded !== wanted) return opened.end();
       this.viewer = opened;
@@ -203,14 +208,17 @@ class CapturePart extends Part {
     }
   }
 
-  private measured(mm: number | null): void {
-    this.measuring = mm === null ? t("measure_second") : t("measure_result", { mm: mm.toFixed(1) });
+  private measured(told: Measured): void {
+    const isDone = typeof told === "number";
+    this.measuring = isDone ? t("measure_result", { mm: told.toFixed(1) }) : t(`measure_${told}`);
+    this.isMeasuring = !isDone;
   }
 
   private readonly measure = () => {
     if (!this.viewer) return;
-    this.viewer.measure();
-    this.measuring = t("measure_first");
+    this.isMeasuring = !this.isMeasuring;
+    this.viewer.measure(this.isMeasuring);
+    this.measuring = this.isMeasuring ? t("measure_first") : "";
   };
 
   private choose(mode: Mode): void {
@@ -283,7 +291,7 @@ class CapturePart extends Part {
                 ${t(`view_${mode}` as Key)}
               </button>`,
           )}
-          <button data-measure @click=${this.measure}>${t("measure")}</button>
+          <button aria-pressed=${this.isMeasuring} data-measure @click=${this.measure}>${t("measure")}</button>
           <button aria-label=${t("view_in")} @click=${() => this.viewer?.zoomIn()}>+</button>
           <button aria-label=${t("view_out")} @click=${() => this.viewer?.zoomOut()}>−</button>
           <button data-reset @click=${() => this.viewer?.reset()}>${t("view_reset")}</button>

@@ -1,7 +1,7 @@
 // The viewer of a published folder (`scand publish`). The page has a picture and names the files of the levels of
 // detail, the least detailed first; this script puts the model in the picture's place. A page whose model cannot be
 // shown keeps its picture.
-import type { Mode } from "./viewer";
+import type { Measured, Mode } from "./viewer";
 import { Viewer } from "./viewer";
 import { en } from "./words/en";
 
@@ -20,6 +20,7 @@ class Shown {
   private readonly canvas = element("canvas", "", { tabindex: "0", role: "application", "aria-label": en.viewer_label });
   private readonly status = element("p", "", { role: "status" });
   private readonly buttons = element("div", "", { class: "buttons", role: "group", "aria-label": en.view_as });
+  private readonly measure = element("button", en.measure, { "data-measure": "", "aria-pressed": "false" });
   private readonly hint = element("p", en.viewer_hint);
   private readonly legend = element("ul", "", { class: "legend" });
   private viewer: Viewer | null = null;
@@ -38,7 +39,7 @@ class Shown {
     this.picture.replaceWith(this.canvas);
     this.section.append(this.buttons, this.status, this.hint, this.legend);
     try {
-      this.viewer = await Viewer.open(this.canvas, first.address, (mm) => this.measured(mm));
+      this.viewer = await Viewer.open(this.canvas, first.address, (told) => this.measured(told));
     } catch (error) {
       this.canvas.replaceWith(this.picture);
       this.buttons.remove();
@@ -60,12 +61,13 @@ class Shown {
       button.addEventListener("click", () => this.choose(mode));
       this.buttons.append(button);
     }
-    const measure = element("button", en.measure, { "data-measure": "" });
-    measure.addEventListener("click", () => {
-      this.viewer?.measure();
-      this.status.textContent = en.measure_first;
+    this.measure.addEventListener("click", () => {
+      const isMeasuring = this.measure.getAttribute("aria-pressed") !== "true";
+      this.viewer?.measure(isMeasuring);
+      this.measure.setAttribute("aria-pressed", String(isMeasuring));
+      this.status.textContent = isMeasuring ? en.measure_first : "";
     });
-    this.buttons.append(measure);
+    this.buttons.append(this.measure);
     this.move("+", en.view_in, (viewer) => viewer.zoomIn());
     this.move("−", en.view_out, (viewer) => viewer.zoomOut());
     this.move(en.view_reset, en.view_reset, (viewer) => viewer.reset());
@@ -103,8 +105,10 @@ class Shown {
     this.canvas.dataset.loaded = address;
   }
 
-  private measured(mm: number | null): void {
-    this.status.textContent = mm === null ? en.measure_second : en.measure_result.replace("{mm}", mm.toFixed(1));
+  private measured(told: Measured): void {
+    const isDone = typeof told === "number";
+    this.status.textContent = isDone ? en.measure_result.replace("{mm}", told.toFixed(1)) : en[`measure_${told}`];
+    this.measure.setAttribute("aria-pressed", String(!isDone));
   }
 
   private choose(mode: Mode): void {

@@ -6,6 +6,7 @@ import {
   BufferAttribute,
   type BufferGeometry,
   Color,
+  CylinderGeometry,
   DirectionalLight,
   type Material,
   Mesh,
@@ -22,6 +23,8 @@ import {
 import { OrbitControls } from "three/addons/controls/OrbitControls.js";
 import { GLTFLoader } from "three/addons/loaders/GLTFLoader.js";
 
+/** What a tap did while somebody measures: the second point is awaited, it missed the object, or the distance in mm. */
+export type Measured = "second" | "beside" | number;
 export type Mode = "textured" | "shaded" | "provenance" | "error";
 
 /** Colours that are told apart without red and green (Okabe and Ito). */
@@ -35,6 +38,10 @@ const NEARER = 0.85;
 const START = 1.7;
 /** A pointer that moved by more pixels between down and up turned the model, and did not tap it. */
 const TAP = 8;
+/** Radii of a measured point and of the line between two, in pixels, however near the model is seen. */
+const DOT = 7;
+const LINE = 1.5;
+const MARK = "#d55e00";
 
 export class Viewer {
   private readonly renderer: WebGLRenderer;
@@ -45,7 +52,8 @@ export class Viewer {
   private readonly size: number;
   private readonly resized: ResizeObserver;
   private points: Vector3[] = [];
-  private marks: Mesh[] = [];
+  /** What shows the measured points: a dot each, and a line; with radii in pixels. */
+  private marks: { mesh: Mesh; radius: number }[] = [];
   private isMeasuring = false;
   /** Whether the wheel alone zooms, and a finger turns in all directions: since a click or tap on the picture. */
   private isHeld = false;
@@ -53,8 +61,8 @@ export class Viewer {
   private largest = 0;
   private frame = 0;
 
-  /** Loads a model into a canvas; `measured` hears null after the first point and the distance after the second. */
-  static async open(canvas: HTMLCanvasElement, address: string, measured: (mm: number | null) => void): Promise<Viewer> {
+  /** Loads a model into a canvas; `measured` hears what each tap did while somebody measures. */
+  static async open(canvas: HTMLCanvasElement, address: string, measured: (told: Measured) => void): Promise<Viewer> {
     return new Viewer(canvas, await meshesOf(address), measured);
   }
 
@@ -75,7 +83,7 @@ export class Viewer {
   private constructor(
     private readonly canvas: HTMLCanvasElement,
     private meshes: Mesh[],
-    private readonly measured: (mm: number | null) => void,
+    private readonly measured: (told: Measured) => void,
   ) {
     this.renderer = new WebGLRenderer({ canvas, antialias: true, alpha: true });
     this.renderer.setPixelRatio(Math.min(devicePixelRatio, 2));
@@ -146,6 +154,7 @@ export class Viewer {
     if (this.frame !== 0) return;
     this.frame = requestAnimationFrame(() => {
       this.frame = 0;
+      this.scaleMarks();
       this.renderer.render(this.scene, this.camera);
     });
   }
@@ -187,11 +196,14 @@ export class Viewer {
     return ERROR.map((color, n) => [(this.largest * 1000 * n) / (ERROR.length - 1), color]);
   }
 
-  /** The next two points that are tapped are measured between. */
-  measure(): void {
-    this.isMeasuring = true;
+  /** The next two points that are tapped are measured between; or, where they are not any more, none is. */
+  measure(isMeasuring: boolean): void {
+    this.isMeasuring = isMeasuring;
     this.points = [];
-    for (const mark of this.marks) this.scene.remove(mark);
+    for (const { mesh } of this.marks) {
+      this.scene.remove(mesh);
+      mesh.geometry.dispose();
+    }
     this.marks = [];
     this.draw();
   }
@@ -262,21 +274,51 @@ export class Viewer {
     ray.setFromCamera(new Vector2(x, y), this.camera);
     const hit = ray.intersectObjects(this.meshes, false)[0];
     if (hit) this.take(hit.point);
+    else this.measured("beside");
   };
 
   private take(point: Vector3): void {
     this.points.push(point.clone());
-    const mark = new Mesh(new SphereGeometry(this.size / 150), new MeshBasicMaterial({ color: 0xd55e00 }));
-    mark.position.copy(point);
-    this.marks.push(mark);
-    this.scene.add(mark);
-    this.draw();
+    const dot = this.mark(new SphereGeometry(1), DOT);
+    dot.position.copy(point);
     if (this.points.length < 2) {
-      this.measured(null);
+      this.measured("second");
       return;
     }
+    const [from, to] = this.points;
+    this.join(from, to);
     this.isMeasuring = false;
-    this.measured(this.points[0].distanceTo(this.points[1]) * 1000);
+    this.measured(from.distanceTo(to) * 1000);
+  }
+
+  /** Draws the line that was measured. */
+  private join(from: Vector3, to: Vector3): void {
+    const length = from.distanceTo(to);
+    if (length === 0) return;
+    const line = this.mark(new CylinderGeometry(1, 1, length, 8), LINE);
+    line.position.copy(from).lerp(to, 0.5);
+    const direction = to.clone().sub(from).divideScalar(length);
+    line.quaternion.setFromUnitVectors(new Vector3(0, 1, 0), direction);
+  }
+
+  /** Adds a mark of what is measured, which is seen through the object too. */
+  private mark(geometry: BufferGeometry, radius: number): Mesh {
+    const mesh = new Mesh(geometry, new MeshBasicMaterial({ color: MARK, depthTest: false }));
+    mesh.renderOrder = 1;
+    this.marks.push({ mesh, radius });
+    this.scene.add(mesh);
+    this.draw();
+    return mesh;
+  }
+
+  /** Gives marks the size on the screen that they have from every distance. */
+  private scaleMarks(): void {
+    const seen = 2 * Math.tan((this.camera.fov * Math.PI) / 360);
+    for (const { mesh, radius } of this.marks) {
+      const pixel = (seen * this.camera.position.distanceTo(mesh.position)) / this.canvas.clientHeight;
+      const across = radius * pixel;
+      mesh.scale.set(across, radius === DOT ? across : 1, across);
+    }
   }
 
   private readonly key = (event: KeyboardEvent) => {

@@ -95,6 +95,38 @@ test("the wheel scrolls the page over a model, and zooms with Ctrl or after a cl
   await expect(canvas).toHaveAttribute("data-zoom", "1.18");
 });
 
+test("measuring shows that it is on, and says when a tap is beside the object", async ({ page, rig }) => {
+  await rig.prepare();
+  await enter(page, rig, "viewer");
+  const [recording, capture] = make(rig);
+  await page.goto(`http://127.0.0.1:${rig.port}/#/history/${recording}/${capture}`);
+  await expect(page.locator("canvas[data-loaded]")).toBeVisible();
+  const button = page.locator("[data-measure]");
+  const told = page.locator(".viewer [role=status]");
+  await button.scrollIntoViewIfNeeded();
+  const before = await button.boundingBox();
+  await expect(button).toHaveAttribute("aria-pressed", "false");
+  await button.click();
+  await expect(button).toHaveAttribute("aria-pressed", "true");
+  await expect(told).toContainText("Tap the first point.");
+  expect(await button.boundingBox()).toEqual(before);
+  const box = await page.locator("canvas").boundingBox();
+  const tap = (x, y) => page.mouse.click(box.x + x, box.y + y);
+  await tap(15, 15);
+  await expect(told).toHaveText("That was beside the object: tap a point on it.");
+  await expect(button).toHaveAttribute("aria-pressed", "true");
+  await tap(box.width / 2 - 10, box.height / 2);
+  await expect(told).toHaveText("Tap the second point.");
+  await tap(box.width / 2 + 10, box.height / 2);
+  await expect(told).toHaveText(/^\d+\.\d mm between/);
+  await expect(button).toHaveAttribute("aria-pressed", "false");
+  await shot(page, "measured");
+  await button.click();
+  await button.click();
+  await expect(button).toHaveAttribute("aria-pressed", "false");
+  await expect(told).toHaveText("");
+});
+
 /** The files that a capture's page offers, in its order, and their media types. */
 const DOWNLOADS = {
   "model.glb": "model/gltf-binary",
