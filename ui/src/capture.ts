@@ -10,7 +10,7 @@ import { live } from "./live";
 import "./photographs";
 import "./remake";
 import { isKey, type Key, t } from "./words";
-import type { Measured, Mode, Viewer } from "./viewer";
+import type { Measured, Mode, Shade, Viewer } from "./viewer";
 
 const MODES: Mode[] = ["textured", "shaded", "provenance", "error"];
 const FILES = ["model.glb", "model.ply", "preview.png", "report.json"];
@@ -73,7 +73,7 @@ class CapturePart extends Part {
   /** What is said of measuring, and whether a tap on the model measures now. */
   declare measuring: string;
   declare isMeasuring: boolean;
-  declare scale: [number, string][];
+  declare scale: Shade[];
   private viewer: Viewer | null = null;
   private name = "";
   private shown = "";
@@ -305,18 +305,22 @@ class CapturePart extends Part {
 
   private legend(): TemplateResult | typeof nothing {
     if (this.scale.length === 0) return nothing;
-    const words = (value: number) => (this.mode === "error" ? value.toFixed(2) : this.provenanceWords(value));
     return html`
       ${this.mode === "error" ? html`<p class="quiet">${t("error_scale")}</p>` : nothing}
       <ul class="legend">
         ${this.scale.map(
-          ([value, color]) => html`<li>
-            <svg viewBox="0 0 10 10" aria-hidden="true"><rect width="10" height="10" fill=${color} /></svg>
-            ${words(value)}
+          (shade) => html`<li>
+            <svg viewBox="0 0 10 10" aria-hidden="true"><rect width="10" height="10" fill=${shade.color} /></svg>
+            ${this.shadeWords(shade)}
           </li>`,
         )}
       </ul>
     `;
+  }
+
+  private shadeWords({ value, isOpen }: Shade): string {
+    if (this.mode !== "error") return this.provenanceWords(value);
+    return isOpen ? t("error_and_more", { mm: value.toFixed(2) }) : value.toFixed(2);
   }
 
   private provenanceWords(value: number): string {

@@ -1,7 +1,7 @@
 // The viewer of a published folder (`scand publish`). The page has a picture and names the files of the levels of
 // detail, the least detailed first; this script puts the model in the picture's place. A page whose model cannot be
 // shown keeps its picture.
-import type { Measured, Mode } from "./viewer";
+import type { Measured, Mode, Shade } from "./viewer";
 import { Viewer } from "./viewer";
 import { en } from "./words/en";
 
@@ -117,20 +117,26 @@ class Shown {
     for (const button of this.buttons.querySelectorAll("[data-mode]")) {
       button.setAttribute("aria-pressed", String(button.getAttribute("data-mode") === mode));
     }
-    const words = (value: number) => (mode === "error" ? `${value.toFixed(2)} mm` : (FROM[value] ?? String(value)));
-    const entries = (this.viewer?.scale(mode) ?? []).map(([value, color]) => {
+    const entries = (this.viewer?.scale(mode) ?? []).map((shade) => {
       const swatch = document.createElementNS(SVG, "svg");
       swatch.setAttribute("viewBox", "0 0 10 10");
       swatch.setAttribute("aria-hidden", "true");
       const rect = document.createElementNS(SVG, "rect");
-      for (const [key, text] of [["width", "10"], ["height", "10"], ["fill", color]]) rect.setAttribute(key, text);
+      for (const [key, text] of [["width", "10"], ["height", "10"], ["fill", shade.color]]) rect.setAttribute(key, text);
       swatch.append(rect);
       const item = element("li");
-      item.append(swatch, ` ${words(value)}`);
+      item.append(swatch, ` ${shadeWords(shade, mode)}`);
       return item;
     });
     this.legend.replaceChildren(...entries);
   }
+}
+
+/** What a colour means. */
+function shadeWords({ value, isOpen }: Shade, mode: Mode): string {
+  if (mode !== "error") return FROM[value] ?? String(value);
+  const mm = `${value.toFixed(2)} mm`;
+  return isOpen ? en.error_and_more.replace("{mm}", mm) : mm;
 }
 
 for (const section of document.querySelectorAll(".viewer")) {

@@ -27,10 +27,19 @@ import { GLTFLoader } from "three/addons/loaders/GLTFLoader.js";
 export type Measured = "second" | "beside" | number;
 export type Mode = "textured" | "shaded" | "provenance" | "error";
 
+/** A colour of a way of showing: a provenance by number, or an error in mm; `isOpen` if larger errors have it too. */
+export interface Shade {
+  value: number;
+  color: string;
+  isOpen: boolean;
+}
+
 /** Colours that are told apart without red and green (Okabe and Ito). */
 const PROVENANCE = ["#0072b2", "#56b4e9", "#009e73", "#f0e442", "#d55e00", "#999999"];
 /** From small to large. */
 const ERROR = ["#440154", "#3b528b", "#21918c", "#5ec962", "#fde725"];
+/** The share of the vertices whose errors are within the scale: a few large ones would leave all others one colour. */
+const WITHIN = 0.98;
 const STEP = Math.PI / 16;
 /** By how much one press of a button or a key zooms. */
 const NEARER = 0.85;
@@ -58,6 +67,8 @@ export class Viewer {
   /** Whether the wheel alone zooms, and a finger turns in all directions: since a click or tap on the picture. */
   private isHeld = false;
   private pressed = new Vector2();
+  /** The error at the end of the scale, and the largest one, in metres. */
+  private endOfScale = 0;
   private largest = 0;
   private frame = 0;
 
@@ -75,7 +86,6 @@ export class Viewer {
     }
     this.textured.clear();
     this.meshes = meshes;
-    this.largest = 0;
     this.takeIn();
     this.draw();
   }
@@ -122,10 +132,22 @@ export class Viewer {
       this.textured.set(mesh, mesh.material);
       this.scene.add(mesh);
       box.expandByObject(mesh);
-      const errors = attribute(mesh.geometry, "_error");
-      for (let n = 0; errors && n < errors.count; n++) this.largest = Math.max(this.largest, errors.getX(n));
     }
+    this.rank();
     return box;
+  }
+
+  /** Finds where the scale of the errors ends. */
+  private rank(): void {
+    const found: number[] = [];
+    for (const mesh of this.meshes) {
+      const errors = attribute(mesh.geometry, "_error");
+      for (let n = 0; errors && n < errors.count; n++) found.push(errors.getX(n));
+    }
+    const sorted = Float64Array.from(found).sort();
+    this.largest = sorted.at(-1) ?? 0;
+    const high = sorted[Math.floor(WITHIN * (sorted.length - 1))] ?? 0;
+    this.endOfScale = high > 0 ? high : this.largest;
   }
 
   private light(): void {
@@ -184,16 +206,20 @@ export class Viewer {
 
   private color(value: number, mode: Mode): Color {
     if (mode === "provenance") return new Color(PROVENANCE[Math.round(value)] ?? "#000000");
-    const at = (this.largest > 0 ? Math.min(value / this.largest, 1) : 0) * (ERROR.length - 1);
+    const at = (this.endOfScale > 0 ? Math.min(value / this.endOfScale, 1) : 0) * (ERROR.length - 1);
     const low = Math.min(Math.floor(at), ERROR.length - 2);
     return new Color(ERROR[low]).lerp(new Color(ERROR[low + 1]), at - low);
   }
 
-  /** What the colours of a way mean: provenances by number, or errors in mm. */
-  scale(mode: Mode): [number, string][] {
-    if (mode === "provenance") return PROVENANCE.map((color, n) => [n, color]);
+  /** What the colours of a way mean, from small to large; nothing where they are those of the object. */
+  scale(mode: Mode): Shade[] {
+    if (mode === "provenance") return PROVENANCE.map((color, value) => ({ value, color, isOpen: false }));
     if (mode !== "error") return [];
-    return ERROR.map((color, n) => [(this.largest * 1000 * n) / (ERROR.length - 1), color]);
+    const last = ERROR.length - 1;
+    return ERROR.map((color, n) => {
+      const value = (this.endOfScale * 1000 * n) / last;
+      return { value, color, isOpen: n === last && this.largest > this.endOfScale };
+    });
   }
 
   /** The next two points that are tapped are measured between; or, where they are not any more, none is. */

@@ -127,6 +127,21 @@ test("measuring shows that it is on, and says when a tap is beside the object", 
   await expect(told).toHaveText("");
 });
 
+test("the scale of the expected errors leaves out the few largest ones, and says so", async ({ page, rig }) => {
+  await rig.prepare();
+  await enter(page, rig, "viewer");
+  const [recording, capture] = make(rig);
+  await page.goto(`http://127.0.0.1:${rig.port}/#/history/${recording}/${capture}`);
+  await expect(page.locator("canvas[data-loaded]")).toBeVisible();
+  await page.locator("[data-mode=error]").click();
+  const shades = page.locator(".legend li");
+  await expect(shades).toHaveCount(5);
+  await expect(shades.first()).toHaveText("0.00");
+  await expect(shades.last()).toHaveText(/^\d+\.\d\d and more$/);
+  await page.locator("[data-mode=provenance]").click();
+  await expect(shades.filter({ hasText: "and more" })).toHaveCount(0);
+});
+
 /** The files that a capture's page offers, in its order, and their media types. */
 const DOWNLOADS = {
   "model.glb": "model/gltf-binary",

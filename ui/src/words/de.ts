@@ -166,6 +166,7 @@ export const de: Words = {
   measure_beside: "Das war neben dem Objekt: Tippen Sie auf einen Punkt darauf.",
   measure_result: "{mm} mm zwischen den beiden Punkten",
   error_scale: "Erwarteter Abstand zur wahren Oberfläche, in mm",
+  error_and_more: "{mm} und mehr",
   from_hull: "Umrisse",
   from_carved: "aus der Tiefe geschnitten",
   from_restored: "von der Tiefe gemessen",

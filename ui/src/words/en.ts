@@ -164,6 +164,7 @@ export const en = {
   measure_beside: "That was beside the object: tap a point on it.",
   measure_result: "{mm} mm between the two points",
   error_scale: "Expected distance to the true surface, in mm",
+  error_and_more: "{mm} and more",
   from_hull: "silhouettes",
   from_carved: "carved by depth",
   from_restored: "measured by depth",
