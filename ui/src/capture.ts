@@ -9,7 +9,7 @@ import { cut, date, decision, reason, title, verdict } from "./history";
 import { live } from "./live";
 import "./photographs";
 import "./remake";
-import { isKey, type Key, t } from "./words";
+import { isKey, type Key, number, t } from "./words";
 import type { Measured, Mode, Shade, Viewer } from "./viewer";
 
 const MODES: Mode[] = ["textured", "shaded", "provenance", "error"];
@@ -210,7 +210,7 @@ class CapturePart extends Part {
 
   private measured(told: Measured): void {
     const isDone = typeof told === "number";
-    this.measuring = isDone ? t("measure_result", { mm: told.toFixed(1) }) : t(`measure_${told}`);
+    this.measuring = isDone ? t("measure_result", { mm: number(told, 1) }) : t(`measure_${told}`);
     this.isMeasuring = !isDone;
   }
 
@@ -320,7 +320,8 @@ class CapturePart extends Part {
 
   private shadeWords({ value, isOpen }: Shade): string {
     if (this.mode !== "error") return this.provenanceWords(value);
-    return isOpen ? t("error_and_more", { mm: value.toFixed(2) }) : value.toFixed(2);
+    const mm = number(value, 2);
+    return isOpen ? t("error_and_more", { mm }) : mm;
   }
 
   private provenanceWords(value: number): string {
@@ -339,13 +340,13 @@ class CapturePart extends Part {
     const rows: [string, string][] = [];
     if (model.bounds) {
       const [low, high] = model.bounds;
-      const sizes = high.map((value, axis) => ((value - low[axis]) * 1000).toFixed(0));
+      const sizes = high.map((value, axis) => number((value - low[axis]) * 1000, 0));
       rows.push([t("figure_size"), `${sizes.join(" × ")} mm`]);
     }
     if (model.mesh?.volume !== undefined) {
-      rows.push([t("figure_volume"), `${(model.mesh.volume * 1e6).toFixed(0)} cm³`]);
+      rows.push([t("figure_volume"), `${number(model.mesh.volume * 1e6, 0)} cm³`]);
     }
-    if (model.mesh?.triangles !== undefined) rows.push([t("figure_triangles"), String(model.mesh.triangles)]);
+    if (model.mesh?.triangles !== undefined) rows.push([t("figure_triangles"), number(model.mesh.triangles, 0)]);
     if (model.watertight !== undefined) rows.push([t("figure_closed"), model.watertight ? t("yes") : t("no")]);
     return html`
       <dl>${rows.map(([name, value]) => html`<div><dt>${name}</dt><dd>${value}</dd></div>`)}</dl>
@@ -366,8 +367,8 @@ class CapturePart extends Part {
         ${provenance.filter((part) => part.share > 0).map(
           (part) => html`<tr>
             <th scope="row">${from(part.provenance)}</th>
-            <td>${(part.share * 100).toFixed(0)} %</td>
-            <td>${(part.mean_expected_error * 1000).toFixed(2)} mm</td>
+            <td>${number(part.share * 100, 0)} %</td>
+            <td>${number(part.mean_expected_error * 1000, 2)} mm</td>
           </tr>`,
         )}
       </tbody>

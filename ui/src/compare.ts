@@ -4,7 +4,7 @@ import { html, nothing, type TemplateResult } from "lit";
 import * as api from "./api";
 import { Part } from "./element";
 import { date, decision, title, verdict } from "./history";
-import { t } from "./words";
+import { difference, number, t } from "./words";
 
 interface Model {
   mesh?: { triangles?: number; volume?: number };
@@ -164,12 +164,12 @@ class ComparePart extends Part {
     }
     const [found, picture] = this.apart;
     const larger = found.growth_mm >= 0;
-    const words = t(larger ? "apart_larger" : "apart_smaller", { mm: Math.abs(found.growth_mm).toFixed(2) });
+    const words = t(larger ? "apart_larger" : "apart_smaller", { mm: number(Math.abs(found.growth_mm), 2) });
     const row = (name: string, key: "a_to_b" | "b_to_a") => {
       const { mean_mm, median_mm, p90_mm, max_mm } = found[key];
       return html`<tr>
         <th scope="row">${name}</th>
-        ${[mean_mm, median_mm, p90_mm, max_mm].map((mm) => html`<td>${mm.toFixed(2)}</td>`)}
+        ${[mean_mm, median_mm, p90_mm, max_mm].map((mm) => html`<td>${number(mm, 2)}</td>`)}
       </tr>`;
     };
     return html`
@@ -227,9 +227,9 @@ function rows(own: Model, other: Model): Row[] {
   const found: Row[] = [];
   const add = (name: string, a: number | undefined, b: number | undefined, digits: number, unit: string) => {
     if (a === undefined || b === undefined) return;
-    const sign = b > a ? "+" : "";
-    const percent = a === 0 ? "" : ` (${sign}${((100 * (b - a)) / a).toFixed(1)} %)`;
-    found.push([name, `${a.toFixed(digits)} ${unit}`, `${b.toFixed(digits)} ${unit}`, `${sign}${(b - a).toFixed(digits)} ${unit}${percent}`]);
+    const percent = a === 0 ? "" : ` (${difference((100 * (b - a)) / a, 1)} %)`;
+    const [ownValue, otherValue] = [a, b].map((value) => `${number(value, digits)} ${unit}`);
+    found.push([name, ownValue, otherValue, `${difference(b - a, digits)} ${unit}${percent}`]);
   };
   const side = (model: Model, axis: number) => model.bounds && (model.bounds[1][axis] - model.bounds[0][axis]) * 1000;
   for (const [axis, letter] of ["x", "y", "z"].entries()) {

@@ -25,6 +25,7 @@ test("reasons are in the page's language, and a list that is cut says so", async
   await expect(page.locator("main")).toContainText("Rand eines Bildes. c03 cuts it");
   await expect(page.locator("main")).toContainText("<b>new</b>");
   await expect(page.getByRole("rowheader", { name: "of_another_version" })).toBeVisible();
+  await expect(page.getByRole("cell", { name: "1,00 mm" })).toBeVisible(); // German
   // The details are the daemon's; those that the catalogue has are in the page's language, and the others marked.
   await expect(page.locator("main")).toContainText("der Umriss des Objekts ist unscharf: c00 (3.0 px), c02 (2.1 px), 2 weitere"); // German
   await expect(page.locator("main")).toContainText("kinect (5.1 mm mehr); insgesamt 9.3 mm");
@@ -32,6 +33,7 @@ test("reasons are in the page's language, and a list that is cut says so", async
   await expect(page.locator("main [lang=en]")).toHaveText(["c03 cuts it", "<b>new</b>"]);
   await page.getByRole("button", { name: "English" }).click();
   await expect(page.locator("main")).toContainText("the object's outline is blurred: c00 (3.0 px), c02 (2.1 px), 2 more");
+  await expect(page.getByRole("cell", { name: "1.00 mm" })).toBeVisible();
 });
 
 /** What a camera says, the same on the German page, and what of that stays English. */
