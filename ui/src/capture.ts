@@ -339,6 +339,7 @@ class CapturePart extends Part {
     const { model } = this;
     const rows: [string, string][] = [];
     if (model.bounds) {
+      // The rig's frame has z up: the height is last.
       const [low, high] = model.bounds;
       const sizes = high.map((value, axis) => number((value - low[axis]) * 1000, 0));
       rows.push([t("figure_size"), `${sizes.join(" × ")} mm`]);

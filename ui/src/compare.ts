@@ -232,8 +232,9 @@ function rows(own: Model, other: Model): Row[] {
     found.push([name, ownValue, otherValue, `${difference(b - a, digits)} ${unit}${percent}`]);
   };
   const side = (model: Model, axis: number) => model.bounds && (model.bounds[1][axis] - model.bounds[0][axis]) * 1000;
-  for (const [axis, letter] of ["x", "y", "z"].entries()) {
-    add(`${t("figure_size")} ${letter}`, side(own, axis), side(other, axis), 1, "mm");
+  // The rig's frame has z up.
+  for (const [axis, name] of (["figure_width", "figure_depth", "figure_height"] as const).entries()) {
+    add(t(name), side(own, axis), side(other, axis), 1, "mm");
   }
   const volume = ({ mesh }: Model) => (mesh?.volume === undefined ? undefined : mesh.volume * 1e6);
   add(t("figure_volume"), volume(own), volume(other), 1, "cm³");

@@ -192,6 +192,8 @@ test("a model is compared with one of the same object in an earlier session", as
   await expect(list.locator("optgroup option")).toContainText([`${earlier.join(": ")}`]);
   await list.selectOption(earlier.join("/"));
   await expect(page.locator("[data-compared]")).toContainText("cm³");
+  await expect(page.locator("[data-compared] tbody th")).toContainText(["Verdict", "Width", "Depth", "Height"]);
+  await expect(page.locator("dt").first()).toHaveText("Width × depth × height, as it lay");
   await expect(page.locator("scand-compare")).toContainText("Surfaces are compared as they lay in the rig");
   await page.locator("[data-measure-surfaces]").click();
   await expect(page.locator("[data-apart]")).toContainText(/\d\.\d\d/, { timeout: 60_000 });
