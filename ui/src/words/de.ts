@@ -223,7 +223,7 @@ export const de: Words = {
   compare_earlier: "Dasselbe Objekt in anderen Reihen",
   compare_cut: "In anderen Reihen gibt es mehr Modelle dieses Objekts, als hier stehen, oder noch nicht alle Reihen wurden durchsucht.",
   difference: "Unterschied",
-  apart_measure: "Den Abstand der Oberflächen messen",
+  apart_measure: "Die Oberflächen vergleichen",
   apart_busy: "Die Oberflächen werden verglichen …",
   apart_caption: "Abstände von Punkten der einen Oberfläche zur anderen, in mm",
   apart_from: "Von",

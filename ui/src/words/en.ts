@@ -222,7 +222,7 @@ export const en = {
   compare_earlier: "The same object in other sessions",
   compare_cut: "There are more models of this object in other sessions than are listed, or not all sessions were looked through yet.",
   difference: "Difference",
-  apart_measure: "Measure the distance of the surfaces",
+  apart_measure: "Compare the surfaces",
   apart_busy: "The surfaces are being compared …",
   apart_caption: "Distances of points of one surface from the other, in mm",
   apart_from: "From",
