@@ -331,7 +331,7 @@ class CapturePart extends Part {
 
   private reasons(summary: api.Summary): TemplateResult {
     return html`<ul>
-      ${summary.reasons.map((found) => html`<li>${reason(found)} <code>${found.code}</code></li>`)}
+      ${summary.reasons.map((found) => html`<li data-code=${found.code}>${reason(found)}</li>`)}
     </ul>`;
   }
 
