@@ -241,7 +241,6 @@ class CapturePart extends Part {
     const subject = summary.subject ? t("for_object", { subject: summary.subject }) : "";
     const time = summary.time_s === null ? "" : date(summary.time_s);
     const pictured = captureOf(this.capture);
-    const hasOthers = this.others.length > 0 || this.earlier.captures.length > 0;
     return html`
       <p class="row">${verdict(summary.verdict)} ${decision(summary)} <bdi>${subject}</bdi>
         ${summary.placement ? html`<bdi>${t("lies", { placement: summary.placement })}</bdi>` : nothing} <span class="quiet">${time}</span></p>
@@ -255,10 +254,6 @@ class CapturePart extends Part {
           ${summary.reasons.length === 0 ? html`<p>${t("no_reasons")}</p>` : this.reasons(summary)}
           <h2>${t("figures")}</h2>
           ${this.figures()}
-          ${summary.has_model && hasOthers
-            ? html`<scand-compare .summary=${summary} .others=${this.others} .earlier=${this.earlier.captures}></scand-compare>
-                ${cut(this.left)} ${this.earlier.whole ? nothing : html`<p class="quiet">${t("compare_cut")}</p>`}`
-            : nothing}
           <h2>${t("notes")}</h2>
           ${summary.notes.length === 0 ? html`<p>${t("no_notes")}</p>` : this.notes(summary)}
           ${this.operator && isCapture(this.capture)
@@ -273,8 +268,19 @@ class CapturePart extends Part {
           </ul>
         </section>
       </div>
+      ${summary.has_model ? this.comparison(summary) : nothing}
       ${summary.has_preview ? this.preview() : nothing}
     `;
+  }
+
+  /** A comparison has the whole width, and nothing beside it that would move when its tables come. */
+  private comparison(summary: api.Summary): TemplateResult | typeof nothing {
+    const { others, earlier } = this;
+    if (others.length === 0 && earlier.captures.length === 0) return nothing;
+    return html`<section>
+      <scand-compare .summary=${summary} .others=${others} .earlier=${earlier.captures}></scand-compare>
+      ${cut(this.left)} ${earlier.whole ? nothing : html`<p class="quiet">${t("compare_cut")}</p>`}
+    </section>`;
   }
 
   private viewerPart(): TemplateResult {

@@ -193,10 +193,16 @@ test("a model is compared with one of the same object in an earlier session", as
   await list.selectOption(earlier.join("/"));
   await expect(page.locator("[data-compared]")).toContainText("cm³");
   await expect(page.locator("[data-compared] tbody th")).toContainText(["Verdict", "Width", "Depth", "Height"]);
+  const pills = page.locator("[data-compared] .verdict");
+  await expect(pills).toHaveCount(2);
+  for (const pill of await pills.all()) expect((await pill.boundingBox()).height).toBeLessThan(40);
+  const downloads = page.getByRole("heading", { name: "Downloads" });
+  const before = await downloads.evaluate((heading) => heading.offsetTop);
   await expect(page.locator("dt").first()).toHaveText("Width × depth × height, as it lay");
   await expect(page.locator("scand-compare")).toContainText("Surfaces are compared as they lay in the rig");
   await page.locator("[data-measure-surfaces]").click();
   await expect(page.locator("[data-apart]")).toContainText(/\d\.\d\d/, { timeout: 60_000 });
+  expect(await downloads.evaluate((heading) => heading.offsetTop)).toBe(before);
   await page.locator("[data-compared] thead a").click();
   await expect(page.locator("h1")).toHaveText(earlier[1]);
   // In the history, an earlier session is chosen from the list.
