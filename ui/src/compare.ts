@@ -24,6 +24,7 @@ class ComparePart extends Part {
     error: { state: true },
     apart: { state: true },
     isBusy: { state: true },
+    isLarge: { state: true },
   };
   declare summary: api.Summary;
   /** Models of the same recording, and of the same object in other recordings. */
@@ -34,6 +35,8 @@ class ComparePart extends Part {
   declare error: string;
   declare apart: [api.Apart, string] | null;
   declare isBusy: boolean;
+  /** Whether the picture of the distances is shown as large as it is. */
+  declare isLarge: boolean;
   /** What is compared: both models, each in its present state. */
   private pair = "";
   /** Counts what was asked; an answer to anything but the last question is dropped. */
@@ -48,6 +51,7 @@ class ComparePart extends Part {
     this.error = "";
     this.apart = null;
     this.isBusy = false;
+    this.isLarge = false;
   }
 
   disconnectedCallback(): void {
@@ -86,6 +90,7 @@ class ComparePart extends Part {
     this.models = null;
     this.error = "";
     this.isBusy = false;
+    this.isLarge = false;
     this.asked++;
   }
 
@@ -99,6 +104,20 @@ class ComparePart extends Part {
     await this.ask(api.difference(recording, capture, other), ([found, picture]) => {
       this.apart = [found, URL.createObjectURL(picture)];
     });
+  };
+
+  updated(): void {
+    const dialog = this.querySelector("dialog");
+    if (this.isLarge && dialog && !dialog.open) dialog.showModal();
+    if (!this.isLarge && dialog?.open) dialog.close();
+  }
+
+  private readonly enlarge = () => {
+    this.isLarge = true;
+  };
+
+  private readonly close = () => {
+    this.isLarge = false;
   };
 
   private readonly choose = (event: Event) => {
@@ -188,7 +207,21 @@ class ComparePart extends Part {
       </table>
       <p>${words}</p>
       ${elsewhere}
-      <img class="preview" src=${picture} alt=${t("apart_picture", { other: title(other.capture) })} />
+      ${this.picture(picture, t("apart_picture", { other: title(other.capture) }))}
+    `;
+  }
+
+  /** The picture of the distances, and the same as large as it is, where its words can be read. */
+  private picture(url: string, words: string): TemplateResult {
+    return html`
+      <p class="quiet">${words}</p>
+      <button class="enlarge" aria-label=${t("apart_enlarge")} @click=${this.enlarge}>
+        <img class="preview" src=${url} alt="" />
+      </button>
+      <dialog class="whole" aria-label=${words} @close=${this.close}>
+        <button @click=${this.close}>${t("close")}</button>
+        <img src=${url} alt=${words} />
+      </dialog>
     `;
   }
 

@@ -203,6 +203,12 @@ test("a model is compared with one of the same object in an earlier session", as
   await page.locator("[data-measure-surfaces]").click();
   await expect(page.locator("[data-apart]")).toContainText(/\d\.\d\d/, { timeout: 60_000 });
   expect(await downloads.evaluate((heading) => heading.offsetTop)).toBe(before);
+  await page.getByRole("button", { name: "Enlarge the picture of the distances" }).click();
+  const large = page.getByRole("dialog", { name: /^Both models/ });
+  const widths = await large.locator("img").evaluate((img) => [img.width, img.naturalWidth]);
+  expect(widths[0]).toBe(widths[1]);
+  await large.getByRole("button", { name: "Close" }).click();
+  await expect(large).toHaveCount(0);
   await page.locator("[data-compared] thead a").click();
   await expect(page.locator("h1")).toHaveText(earlier[1]);
   // In the history, an earlier session is chosen from the list.

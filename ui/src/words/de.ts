@@ -234,6 +234,7 @@ export const de: Words = {
   apart_larger: "Im Mittel liegt die andere Oberfläche {mm} mm weiter außen.",
   apart_smaller: "Im Mittel liegt die andere Oberfläche {mm} mm weiter innen.",
   apart_picture: "Beide Modelle, gefärbt nach ihrem Abstand; das andere ist {other}. Grau ist gleich, Rot weiter außen, Blau weiter innen.",
+  apart_enlarge: "Das Bild der Abstände vergrößern",
   apart_elsewhere: "Die Oberflächen werden verglichen, wie sie in der Anlage lagen. Lag das Objekt in der anderen Reihe anders, sagen nur die Zahlen darüber etwas über das Objekt.",
   verdict: "Urteil",
   figures: "Zahlen",

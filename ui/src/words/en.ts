@@ -233,6 +233,7 @@ export const en = {
   apart_larger: "On average the other surface lies {mm} mm further out.",
   apart_smaller: "On average the other surface lies {mm} mm further in.",
   apart_picture: "Both models, coloured by their distance to each other; the other one is {other}. Grey is the same, red further out, blue further in.",
+  apart_enlarge: "Enlarge the picture of the distances",
   apart_elsewhere: "Surfaces are compared as they lay in the rig. If the object lay elsewhere in the other session, only the figures above tell about the object.",
   verdict: "Verdict",
   figure_size: "Width × depth × height, as it lay",
