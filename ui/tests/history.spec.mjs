@@ -196,6 +196,7 @@ test("a model is compared with one of the same object in an earlier session", as
   const pills = page.locator("[data-compared] .verdict");
   await expect(pills).toHaveCount(2);
   for (const pill of await pills.all()) expect((await pill.boundingBox()).height).toBeLessThan(40);
+  await expect(page.locator(".photographs img")).toHaveCount(rig.options.cameras);
   const downloads = page.getByRole("heading", { name: "Downloads" });
   const before = await downloads.evaluate((heading) => heading.offsetTop);
   await expect(page.locator("dt").first()).toHaveText("Width × depth × height, as it lay");
