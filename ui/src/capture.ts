@@ -239,11 +239,13 @@ class CapturePart extends Part {
 
   private about(summary: api.Summary): TemplateResult {
     const subject = summary.subject ? t("for_object", { subject: summary.subject }) : "";
-    const time = summary.time_s === null ? "" : date(summary.time_s);
     const pictured = captureOf(this.capture);
+    const time = summary.time_s === null ? "" : date(summary.time_s);
+    // A model that was made again has the time of its capture, and not that of its making.
+    const when = time && pictured ? t("captured_at", { time }) : time;
     return html`
       <p class="row">${verdict(summary.verdict)} ${decision(summary)} <bdi>${subject}</bdi>
-        ${summary.placement ? html`<bdi>${t("lies", { placement: summary.placement })}</bdi>` : nothing} <span class="quiet">${time}</span></p>
+        ${summary.placement ? html`<bdi>${t("lies", { placement: summary.placement })}</bdi>` : nothing} <span class="quiet">${when}</span></p>
       <div class="capture-page">
         ${summary.has_model ? this.viewerPart() : nothing}
         <section>

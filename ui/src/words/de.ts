@@ -146,6 +146,7 @@ export const de: Words = {
   decision_accepted: "angenommen",
   decision_rejected: "verworfen",
   preview_of: "Vorschau von {capture}",
+  captured_at: "aufgenommen {time}",
   back: "Zurück zu den Aufnahmen",
   model: "Modell",
   view_textured: "Farben",

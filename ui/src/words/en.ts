@@ -144,6 +144,7 @@ export const en = {
   decision_accepted: "accepted",
   decision_rejected: "rejected",
   preview_of: "Preview of {capture}",
+  captured_at: "captured {time}",
   back: "Back to the captures",
   model: "Model",
   view_textured: "Colours",
