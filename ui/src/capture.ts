@@ -9,8 +9,8 @@ import { cut, date, decision, reason, title, verdict } from "./history";
 import { live } from "./live";
 import "./photographs";
 import "./remake";
-import { isKey, type Key, t } from "./words";
-import type { Mode, Viewer } from "./viewer";
+import { isKey, type Key, number, t } from "./words";
+import type { Measured, Mode, Shade, Viewer } from "./viewer";
 
 const MODES: Mode[] = ["textured", "shaded", "provenance", "error"];
 const FILES = ["model.glb", "model.ply", "preview.png", "report.json"];
@@ -53,6 +53,7 @@ class CapturePart extends Part {
     mode: { state: true },
     view: { state: true },
     measuring: { state: true },
+    isMeasuring: { state: true },
     scale: { state: true },
   };
   declare recording: string;
@@ -69,8 +70,10 @@ class CapturePart extends Part {
   declare model: Model;
   declare mode: Mode;
   declare view: string;
+  /** What is said of measuring, and whether a tap on the model measures now. */
   declare measuring: string;
-  declare scale: [number, string][];
+  declare isMeasuring: boolean;
+  declare scale: Shade[];
   private viewer: Viewer | null = null;
   private name = "";
   private shown = "";
@@ -93,6 +96,7 @@ class CapturePart extends Part {
     this.mode = "textured";
     this.view = "";
     this.measuring = "";
+    this.isMeasuring = false;
     this.scale = [];
   }
 
@@ -130,6 +134,7 @@ class CapturePart extends Part {
     this.loaded = "";
     this.view = "";
     this.measuring = "";
+    this.isMeasuring = false;
     this.scale = [];
   }
 
@@ -189,7 +194,7 @@ class CapturePart extends Part {
     this.view = t("viewer_loading");
     try {
       const { Viewer } = await import("./viewer");
-      const opened = await Viewer.open(canvas, address, (mm) => this.measured(mm));
+      const opened = await Viewer.open(canvas, address, (told) => this.measured(told));
       // Another model is shown by now.
       if (this.loaded !== wanted) return opened.end();
       this.viewer = opened;
@@ -203,14 +208,17 @@ class CapturePart extends Part {
     }
   }
 
-  private measured(mm: number | null): void {
-    this.measuring = mm === null ? t("measure_second") : t("measure_result", { mm: mm.toFixed(1) });
+  private measured(told: Measured): void {
+    const isDone = typeof told === "number";
+    this.measuring = isDone ? t("measure_result", { mm: number(told, 1) }) : t(`measure_${told}`);
+    this.isMeasuring = !isDone;
   }
 
   private readonly measure = () => {
     if (!this.viewer) return;
-    this.viewer.measure();
-    this.measuring = t("measure_first");
+    this.isMeasuring = !this.isMeasuring;
+    this.viewer.measure(this.isMeasuring);
+    this.measuring = this.isMeasuring ? t("measure_first") : "";
   };
 
   private choose(mode: Mode): void {
@@ -231,12 +239,13 @@ class CapturePart extends Part {
 
   private about(summary: api.Summary): TemplateResult {
     const subject = summary.subject ? t("for_object", { subject: summary.subject }) : "";
-    const time = summary.time_s === null ? "" : date(summary.time_s);
     const pictured = captureOf(this.capture);
-    const hasOthers = this.others.length > 0 || this.earlier.captures.length > 0;
+    const time = summary.time_s === null ? "" : date(summary.time_s);
+    // A model that was made again has the time of its capture, and not that of its making.
+    const when = time && pictured ? t("captured_at", { time }) : time;
     return html`
       <p class="row">${verdict(summary.verdict)} ${decision(summary)} <bdi>${subject}</bdi>
-        ${summary.placement ? html`<bdi>${t("lies", { placement: summary.placement })}</bdi>` : nothing} <span class="quiet">${time}</span></p>
+        ${summary.placement ? html`<bdi>${t("lies", { placement: summary.placement })}</bdi>` : nothing} <span class="quiet">${when}</span></p>
       <div class="capture-page">
         ${summary.has_model ? this.viewerPart() : nothing}
         <section>
@@ -247,10 +256,6 @@ class CapturePart extends Part {
           ${summary.reasons.length === 0 ? html`<p>${t("no_reasons")}</p>` : this.reasons(summary)}
           <h2>${t("figures")}</h2>
           ${this.figures()}
-          ${summary.has_model && hasOthers
-            ? html`<scand-compare .summary=${summary} .others=${this.others} .earlier=${this.earlier.captures}></scand-compare>
-                ${cut(this.left)} ${this.earlier.whole ? nothing : html`<p class="quiet">${t("compare_cut")}</p>`}`
-            : nothing}
           <h2>${t("notes")}</h2>
           ${summary.notes.length === 0 ? html`<p>${t("no_notes")}</p>` : this.notes(summary)}
           ${this.operator && isCapture(this.capture)
@@ -265,8 +270,19 @@ class CapturePart extends Part {
           </ul>
         </section>
       </div>
+      ${summary.has_model ? this.comparison(summary) : nothing}
       ${summary.has_preview ? this.preview() : nothing}
     `;
+  }
+
+  /** A comparison has the whole width, and nothing beside it that would move when its tables come. */
+  private comparison(summary: api.Summary): TemplateResult | typeof nothing {
+    const { others, earlier } = this;
+    if (others.length === 0 && earlier.captures.length === 0) return nothing;
+    return html`<section>
+      <scand-compare .summary=${summary} .others=${others} .earlier=${earlier.captures}></scand-compare>
+      ${cut(this.left)} ${earlier.whole ? nothing : html`<p class="quiet">${t("compare_cut")}</p>`}
+    </section>`;
   }
 
   private viewerPart(): TemplateResult {
@@ -276,7 +292,6 @@ class CapturePart extends Part {
           this.wanted(),
           html`<canvas tabindex="0" role="application" aria-label=${t("viewer_label")}></canvas>`,
         )}
-        <p role="status">${this.view || this.measuring}</p>
         <div class="row" role="group" aria-label=${t("view_as")}>
           ${MODES.map(
             (mode) =>
@@ -284,8 +299,13 @@ class CapturePart extends Part {
                 ${t(`view_${mode}` as Key)}
               </button>`,
           )}
-          <button data-measure @click=${this.measure}>${t("measure")}</button>
+          <button aria-pressed=${this.isMeasuring} data-measure @click=${this.measure}>${t("measure")}</button>
+          <button aria-label=${t("view_in")} @click=${() => this.viewer?.zoomIn()}>+</button>
+          <button aria-label=${t("view_out")} @click=${() => this.viewer?.zoomOut()}>−</button>
+          <button data-reset @click=${() => this.viewer?.reset()}>${t("view_reset")}</button>
         </div>
+        <p class="told" role="status">${this.view || this.measuring}</p>
+        <p class="quiet">${t("viewer_hint")}</p>
         ${this.legend()}
       </section>
     `;
@@ -293,18 +313,23 @@ class CapturePart extends Part {
 
   private legend(): TemplateResult | typeof nothing {
     if (this.scale.length === 0) return nothing;
-    const words = (value: number) => (this.mode === "error" ? value.toFixed(2) : this.provenanceWords(value));
     return html`
       ${this.mode === "error" ? html`<p class="quiet">${t("error_scale")}</p>` : nothing}
       <ul class="legend">
         ${this.scale.map(
-          ([value, color]) => html`<li>
-            <svg viewBox="0 0 10 10" aria-hidden="true"><rect width="10" height="10" fill=${color} /></svg>
-            ${words(value)}
+          (shade) => html`<li>
+            <svg viewBox="0 0 10 10" aria-hidden="true"><rect width="10" height="10" fill=${shade.color} /></svg>
+            ${this.shadeWords(shade)}
           </li>`,
         )}
       </ul>
     `;
+  }
+
+  private shadeWords({ value, isOpen }: Shade): string {
+    if (this.mode !== "error") return this.provenanceWords(value);
+    const mm = number(value, 2);
+    return isOpen ? t("error_and_more", { mm }) : mm;
   }
 
   private provenanceWords(value: number): string {
@@ -314,7 +339,7 @@ class CapturePart extends Part {
 
   private reasons(summary: api.Summary): TemplateResult {
     return html`<ul>
-      ${summary.reasons.map((found) => html`<li>${reason(found)} <code>${found.code}</code></li>`)}
+      ${summary.reasons.map((found) => html`<li data-code=${found.code}>${reason(found)}</li>`)}
     </ul>`;
   }
 
@@ -322,14 +347,15 @@ class CapturePart extends Part {
     const { model } = this;
     const rows: [string, string][] = [];
     if (model.bounds) {
+      // The rig's frame has z up: the height is last.
       const [low, high] = model.bounds;
-      const sizes = high.map((value, axis) => ((value - low[axis]) * 1000).toFixed(0));
+      const sizes = high.map((value, axis) => number((value - low[axis]) * 1000, 0));
       rows.push([t("figure_size"), `${sizes.join(" × ")} mm`]);
     }
     if (model.mesh?.volume !== undefined) {
-      rows.push([t("figure_volume"), `${(model.mesh.volume * 1e6).toFixed(0)} cm³`]);
+      rows.push([t("figure_volume"), `${number(model.mesh.volume * 1e6, 0)} cm³`]);
     }
-    if (model.mesh?.triangles !== undefined) rows.push([t("figure_triangles"), String(model.mesh.triangles)]);
+    if (model.mesh?.triangles !== undefined) rows.push([t("figure_triangles"), number(model.mesh.triangles, 0)]);
     if (model.watertight !== undefined) rows.push([t("figure_closed"), model.watertight ? t("yes") : t("no")]);
     return html`
       <dl>${rows.map(([name, value]) => html`<div><dt>${name}</dt><dd>${value}</dd></div>`)}</dl>
@@ -350,8 +376,8 @@ class CapturePart extends Part {
         ${provenance.filter((part) => part.share > 0).map(
           (part) => html`<tr>
             <th scope="row">${from(part.provenance)}</th>
-            <td>${(part.share * 100).toFixed(0)} %</td>
-            <td>${(part.mean_expected_error * 1000).toFixed(2)} mm</td>
+            <td>${number(part.share * 100, 0)} %</td>
+            <td>${number(part.mean_expected_error * 1000, 2)} mm</td>
           </tr>`,
         )}
       </tbody>

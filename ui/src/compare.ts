@@ -4,7 +4,7 @@ import { html, nothing, type TemplateResult } from "lit";
 import * as api from "./api";
 import { Part } from "./element";
 import { date, decision, title, verdict } from "./history";
-import { t } from "./words";
+import { difference, number, t } from "./words";
 
 interface Model {
   mesh?: { triangles?: number; volume?: number };
@@ -24,6 +24,7 @@ class ComparePart extends Part {
     error: { state: true },
     apart: { state: true },
     isBusy: { state: true },
+    isLarge: { state: true },
   };
   declare summary: api.Summary;
   /** Models of the same recording, and of the same object in other recordings. */
@@ -34,6 +35,8 @@ class ComparePart extends Part {
   declare error: string;
   declare apart: [api.Apart, string] | null;
   declare isBusy: boolean;
+  /** Whether the picture of the distances is shown as large as it is. */
+  declare isLarge: boolean;
   /** What is compared: both models, each in its present state. */
   private pair = "";
   /** Counts what was asked; an answer to anything but the last question is dropped. */
@@ -48,6 +51,7 @@ class ComparePart extends Part {
     this.error = "";
     this.apart = null;
     this.isBusy = false;
+    this.isLarge = false;
   }
 
   disconnectedCallback(): void {
@@ -86,6 +90,7 @@ class ComparePart extends Part {
     this.models = null;
     this.error = "";
     this.isBusy = false;
+    this.isLarge = false;
     this.asked++;
   }
 
@@ -99,6 +104,20 @@ class ComparePart extends Part {
     await this.ask(api.difference(recording, capture, other), ([found, picture]) => {
       this.apart = [found, URL.createObjectURL(picture)];
     });
+  };
+
+  updated(): void {
+    const dialog = this.querySelector("dialog");
+    if (this.isLarge && dialog && !dialog.open) dialog.showModal();
+    if (!this.isLarge && dialog?.open) dialog.close();
+  }
+
+  private readonly enlarge = () => {
+    this.isLarge = true;
+  };
+
+  private readonly close = () => {
+    this.isLarge = false;
   };
 
   private readonly choose = (event: Event) => {
@@ -164,12 +183,12 @@ class ComparePart extends Part {
     }
     const [found, picture] = this.apart;
     const larger = found.growth_mm >= 0;
-    const words = t(larger ? "apart_larger" : "apart_smaller", { mm: Math.abs(found.growth_mm).toFixed(2) });
+    const words = t(larger ? "apart_larger" : "apart_smaller", { mm: number(Math.abs(found.growth_mm), 2) });
     const row = (name: string, key: "a_to_b" | "b_to_a") => {
       const { mean_mm, median_mm, p90_mm, max_mm } = found[key];
       return html`<tr>
         <th scope="row">${name}</th>
-        ${[mean_mm, median_mm, p90_mm, max_mm].map((mm) => html`<td>${mm.toFixed(2)}</td>`)}
+        ${[mean_mm, median_mm, p90_mm, max_mm].map((mm) => html`<td>${number(mm, 2)}</td>`)}
       </tr>`;
     };
     return html`
@@ -188,7 +207,21 @@ class ComparePart extends Part {
       </table>
       <p>${words}</p>
       ${elsewhere}
-      <img class="preview" src=${picture} alt=${t("apart_picture", { other: title(other.capture) })} />
+      ${this.picture(picture, t("apart_picture", { other: title(other.capture) }))}
+    `;
+  }
+
+  /** The picture of the distances, and the same as large as it is, where its words can be read. */
+  private picture(url: string, words: string): TemplateResult {
+    return html`
+      <p class="quiet">${words}</p>
+      <button class="enlarge" aria-label=${t("apart_enlarge")} @click=${this.enlarge}>
+        <img class="preview" src=${url} alt="" />
+      </button>
+      <dialog class="whole" aria-label=${words} @close=${this.close}>
+        <button @click=${this.close}>${t("close")}</button>
+        <img src=${url} alt=${words} />
+      </dialog>
     `;
   }
 
@@ -227,13 +260,14 @@ function rows(own: Model, other: Model): Row[] {
   const found: Row[] = [];
   const add = (name: string, a: number | undefined, b: number | undefined, digits: number, unit: string) => {
     if (a === undefined || b === undefined) return;
-    const sign = b > a ? "+" : "";
-    const percent = a === 0 ? "" : ` (${sign}${((100 * (b - a)) / a).toFixed(1)} %)`;
-    found.push([name, `${a.toFixed(digits)} ${unit}`, `${b.toFixed(digits)} ${unit}`, `${sign}${(b - a).toFixed(digits)} ${unit}${percent}`]);
+    const percent = a === 0 ? "" : ` (${difference((100 * (b - a)) / a, 1)} %)`;
+    const [ownValue, otherValue] = [a, b].map((value) => `${number(value, digits)} ${unit}`);
+    found.push([name, ownValue, otherValue, `${difference(b - a, digits)} ${unit}${percent}`]);
   };
   const side = (model: Model, axis: number) => model.bounds && (model.bounds[1][axis] - model.bounds[0][axis]) * 1000;
-  for (const [axis, letter] of ["x", "y", "z"].entries()) {
-    add(`${t("figure_size")} ${letter}`, side(own, axis), side(other, axis), 1, "mm");
+  // The rig's frame has z up.
+  for (const [axis, name] of (["figure_width", "figure_depth", "figure_height"] as const).entries()) {
+    add(t(name), side(own, axis), side(other, axis), 1, "mm");
   }
   const volume = ({ mesh }: Model) => (mesh?.volume === undefined ? undefined : mesh.volume * 1e6);
   add(t("figure_volume"), volume(own), volume(other), 1, "cm³");

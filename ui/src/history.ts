@@ -18,10 +18,19 @@ export function verdict(name: string): TemplateResult {
   return html`<span class="verdict sign-${form}">${sign(form)} ${t(`verdict_${name}` as Key)}</span>`;
 }
 
-/** A reason of a verdict: what its code means in the page's language, and what the daemon says of it. */
+/** A reason of a verdict: what its code means in the page's language, and what the daemon says of it. If one of these
+ * has the other in it, it stands alone. */
 export function reason(found: api.Reason): TemplateResult {
   const general = generally(found.code);
-  return html`${general ? html`${general} ` : nothing}<span class=${general ? "quiet" : ""}>${spoken(found.words)}</span>`;
+  const [meant, told] = [general, said(found.words)].map(plain);
+  if (told.includes(meant)) return spoken(found.words);
+  if (meant.includes(told)) return html`${general}`;
+  return html`${general} <span class="quiet">${spoken(found.words)}</span>`;
+}
+
+/** A sentence as it may stand within another one. */
+function plain(sentence: string): string {
+  return sentence.toLowerCase().replace(/\.$/, "");
 }
 
 /** What a code means, if this page knows it. */

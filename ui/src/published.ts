@@ -1,7 +1,7 @@
 // The viewer of a published folder (`scand publish`). The page has a picture and names the files of the levels of
 // detail, the least detailed first; this script puts the model in the picture's place. A page whose model cannot be
 // shown keeps its picture.
-import type { Mode } from "./viewer";
+import type { Measured, Mode, Shade } from "./viewer";
 import { Viewer } from "./viewer";
 import { en } from "./words/en";
 
@@ -20,6 +20,8 @@ class Shown {
   private readonly canvas = element("canvas", "", { tabindex: "0", role: "application", "aria-label": en.viewer_label });
   private readonly status = element("p", "", { role: "status" });
   private readonly buttons = element("div", "", { class: "buttons", role: "group", "aria-label": en.view_as });
+  private readonly measure = element("button", en.measure, { "data-measure": "", "aria-pressed": "false" });
+  private readonly hint = element("p", en.viewer_hint);
   private readonly legend = element("ul", "", { class: "legend" });
   private viewer: Viewer | null = null;
   private mode: Mode = "textured";
@@ -35,12 +37,13 @@ class Shown {
     const [first, ...further] = this.levels;
     if (!first) return;
     this.picture.replaceWith(this.canvas);
-    this.section.append(this.status, this.buttons, this.legend);
+    this.section.append(this.buttons, this.status, this.hint, this.legend);
     try {
-      this.viewer = await Viewer.open(this.canvas, first.address, (mm) => this.measured(mm));
+      this.viewer = await Viewer.open(this.canvas, first.address, (told) => this.measured(told));
     } catch (error) {
       this.canvas.replaceWith(this.picture);
       this.buttons.remove();
+      this.hint.remove();
       this.legend.remove();
       this.status.textContent = en.viewer_failed.replace("{reason}", String(error));
       return;
@@ -58,12 +61,16 @@ class Shown {
       button.addEventListener("click", () => this.choose(mode));
       this.buttons.append(button);
     }
-    const measure = element("button", en.measure, { "data-measure": "" });
-    measure.addEventListener("click", () => {
-      this.viewer?.measure();
-      this.status.textContent = en.measure_first;
+    this.measure.addEventListener("click", () => {
+      const isMeasuring = this.measure.getAttribute("aria-pressed") !== "true";
+      this.viewer?.measure(isMeasuring);
+      this.measure.setAttribute("aria-pressed", String(isMeasuring));
+      this.status.textContent = isMeasuring ? en.measure_first : "";
     });
-    this.buttons.append(measure);
+    this.buttons.append(this.measure);
+    this.move("+", en.view_in, (viewer) => viewer.zoomIn());
+    this.move("−", en.view_out, (viewer) => viewer.zoomOut());
+    this.move(en.view_reset, en.view_reset, (viewer) => viewer.reset());
     const all = further.at(-1);
     if (!all) return;
     const button = element("button", `Full detail (${all.words})`, { "data-full": "" });
@@ -71,6 +78,13 @@ class Shown {
       button.disabled = true;
       void this.load(all.address);
     });
+    this.buttons.append(button);
+  }
+
+  /** A button that moves the eye. */
+  private move(text: string, label: string, moved: (viewer: Viewer) => void): void {
+    const button = element("button", text, { "aria-label": label });
+    button.addEventListener("click", () => this.viewer && moved(this.viewer));
     this.buttons.append(button);
   }
 
@@ -91,8 +105,10 @@ class Shown {
     this.canvas.dataset.loaded = address;
   }
 
-  private measured(mm: number | null): void {
-    this.status.textContent = mm === null ? en.measure_second : en.measure_result.replace("{mm}", mm.toFixed(1));
+  private measured(told: Measured): void {
+    const isDone = typeof told === "number";
+    this.status.textContent = isDone ? en.measure_result.replace("{mm}", told.toFixed(1)) : en[`measure_${told}`];
+    this.measure.setAttribute("aria-pressed", String(!isDone));
   }
 
   private choose(mode: Mode): void {
@@ -101,20 +117,26 @@ class Shown {
     for (const button of this.buttons.querySelectorAll("[data-mode]")) {
       button.setAttribute("aria-pressed", String(button.getAttribute("data-mode") === mode));
     }
-    const words = (value: number) => (mode === "error" ? `${value.toFixed(2)} mm` : (FROM[value] ?? String(value)));
-    const entries = (this.viewer?.scale(mode) ?? []).map(([value, color]) => {
+    const entries = (this.viewer?.scale(mode) ?? []).map((shade) => {
       const swatch = document.createElementNS(SVG, "svg");
       swatch.setAttribute("viewBox", "0 0 10 10");
       swatch.setAttribute("aria-hidden", "true");
       const rect = document.createElementNS(SVG, "rect");
-      for (const [key, text] of [["width", "10"], ["height", "10"], ["fill", color]]) rect.setAttribute(key, text);
+      for (const [key, text] of [["width", "10"], ["height", "10"], ["fill", shade.color]]) rect.setAttribute(key, text);
       swatch.append(rect);
       const item = element("li");
-      item.append(swatch, ` ${words(value)}`);
+      item.append(swatch, ` ${shadeWords(shade, mode)}`);
       return item;
     });
     this.legend.replaceChildren(...entries);
   }
+}
+
+/** What a colour means. */
+function shadeWords({ value, isOpen }: Shade, mode: Mode): string {
+  if (mode !== "error") return FROM[value] ?? String(value);
+  const mm = `${value.toFixed(2)} mm`;
+  return isOpen ? en.error_and_more.replace("{mm}", mm) : mm;
 }
 
 for (const section of document.querySelectorAll(".viewer")) {

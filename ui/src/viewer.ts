@@ -6,6 +6,7 @@ import {
   BufferAttribute,
   type BufferGeometry,
   Color,
+  CylinderGeometry,
   DirectionalLight,
   type Material,
   Mesh,
@@ -22,13 +23,34 @@ import {
 import { OrbitControls } from "three/addons/controls/OrbitControls.js";
 import { GLTFLoader } from "three/addons/loaders/GLTFLoader.js";
 
+/** What a tap did while somebody measures: the second point is awaited, it missed the object, or the distance in mm. */
+export type Measured = "second" | "beside" | number;
 export type Mode = "textured" | "shaded" | "provenance" | "error";
+
+/** A colour of a way of showing: a provenance by number, or an error in mm; `isOpen` if larger errors have it too. */
+export interface Shade {
+  value: number;
+  color: string;
+  isOpen: boolean;
+}
 
 /** Colours that are told apart without red and green (Okabe and Ito). */
 const PROVENANCE = ["#0072b2", "#56b4e9", "#009e73", "#f0e442", "#d55e00", "#999999"];
 /** From small to large. */
 const ERROR = ["#440154", "#3b528b", "#21918c", "#5ec962", "#fde725"];
+/** The share of the vertices whose errors are within the scale: a few large ones would leave all others one colour. */
+const WITHIN = 0.98;
 const STEP = Math.PI / 16;
+/** By how much one press of a button or a key zooms. */
+const NEARER = 0.85;
+/** From how far a model is seen at first, in its own diagonals. */
+const START = 1.7;
+/** A pointer that moved by more pixels between down and up turned the model, and did not tap it. */
+const TAP = 8;
+/** Radii of a measured point and of the line between two, in pixels, however near the model is seen. */
+const DOT = 7;
+const LINE = 1.5;
+const MARK = "#d55e00";
 
 export class Viewer {
   private readonly renderer: WebGLRenderer;
@@ -39,14 +61,19 @@ export class Viewer {
   private readonly size: number;
   private readonly resized: ResizeObserver;
   private points: Vector3[] = [];
-  private marks: Mesh[] = [];
+  /** What shows the measured points: a dot each, and a line; with radii in pixels. */
+  private marks: { mesh: Mesh; radius: number }[] = [];
   private isMeasuring = false;
+  /** Whether the wheel alone zooms, and a finger turns in all directions: since a click or tap on the picture. */
+  private isHeld = false;
   private pressed = new Vector2();
+  /** The error at the end of the scale, and the largest one, in metres. */
+  private endOfScale = 0;
   private largest = 0;
   private frame = 0;
 
-  /** Loads a model into a canvas; `measured` hears null after the first point and the distance after the second. */
-  static async open(canvas: HTMLCanvasElement, address: string, measured: (mm: number | null) => void): Promise<Viewer> {
+  /** Loads a model into a canvas; `measured` hears what each tap did while somebody measures. */
+  static async open(canvas: HTMLCanvasElement, address: string, measured: (told: Measured) => void): Promise<Viewer> {
     return new Viewer(canvas, await meshesOf(address), measured);
   }
 
@@ -59,7 +86,6 @@ export class Viewer {
     }
     this.textured.clear();
     this.meshes = meshes;
-    this.largest = 0;
     this.takeIn();
     this.draw();
   }
@@ -67,7 +93,7 @@ export class Viewer {
   private constructor(
     private readonly canvas: HTMLCanvasElement,
     private meshes: Mesh[],
-    private readonly measured: (mm: number | null) => void,
+    private readonly measured: (told: Measured) => void,
   ) {
     this.renderer = new WebGLRenderer({ canvas, antialias: true, alpha: true });
     this.renderer.setPixelRatio(Math.min(devicePixelRatio, 2));
@@ -76,18 +102,26 @@ export class Viewer {
     this.light();
     this.controls = new OrbitControls(this.camera, canvas);
     this.controls.target.copy(box.getCenter(new Vector3()));
-    this.camera.position.copy(this.controls.target).add(new Vector3(0.6, 0.5, 1).setLength(this.size * 1.7));
+    this.camera.position.copy(this.controls.target).add(new Vector3(0.6, 0.5, 1).setLength(this.size * START));
     this.camera.near = this.size / 100;
     this.camera.far = this.size * 20;
     this.controls.minDistance = this.size / 10;
     this.controls.maxDistance = this.size * 8;
-    this.controls.addEventListener("change", () => this.draw());
+    this.controls.addEventListener("change", this.moved);
     this.controls.update();
+    this.controls.saveState();
+    this.moved();
     this.resized = new ResizeObserver(() => this.fit());
     this.resized.observe(canvas);
     canvas.addEventListener("keydown", this.key);
     canvas.addEventListener("pointerdown", this.down);
     canvas.addEventListener("pointerup", this.up);
+    canvas.addEventListener("pointerleave", this.left);
+    canvas.addEventListener("blur", this.release);
+    // Before the controls hear of it.
+    canvas.addEventListener("wheel", this.wheel, { capture: true, passive: true });
+    canvas.addEventListener("touchmove", this.touched, { passive: false });
+    this.hold(false);
     this.fit();
   }
 
@@ -98,10 +132,22 @@ export class Viewer {
       this.textured.set(mesh, mesh.material);
       this.scene.add(mesh);
       box.expandByObject(mesh);
-      const errors = attribute(mesh.geometry, "_error");
-      for (let n = 0; errors && n < errors.count; n++) this.largest = Math.max(this.largest, errors.getX(n));
     }
+    this.rank();
     return box;
+  }
+
+  /** Finds where the scale of the errors ends. */
+  private rank(): void {
+    const found: number[] = [];
+    for (const mesh of this.meshes) {
+      const errors = attribute(mesh.geometry, "_error");
+      for (let n = 0; errors && n < errors.count; n++) found.push(errors.getX(n));
+    }
+    const sorted = Float64Array.from(found).sort();
+    this.largest = sorted.at(-1) ?? 0;
+    const high = sorted[Math.floor(WITHIN * (sorted.length - 1))] ?? 0;
+    this.endOfScale = high > 0 ? high : this.largest;
   }
 
   private light(): void {
@@ -130,6 +176,7 @@ export class Viewer {
     if (this.frame !== 0) return;
     this.frame = requestAnimationFrame(() => {
       this.frame = 0;
+      this.scaleMarks();
       this.renderer.render(this.scene, this.camera);
     });
   }
@@ -159,26 +206,82 @@ export class Viewer {
 
   private color(value: number, mode: Mode): Color {
     if (mode === "provenance") return new Color(PROVENANCE[Math.round(value)] ?? "#000000");
-    const at = (this.largest > 0 ? Math.min(value / this.largest, 1) : 0) * (ERROR.length - 1);
+    const at = (this.endOfScale > 0 ? Math.min(value / this.endOfScale, 1) : 0) * (ERROR.length - 1);
     const low = Math.min(Math.floor(at), ERROR.length - 2);
     return new Color(ERROR[low]).lerp(new Color(ERROR[low + 1]), at - low);
   }
 
-  /** What the colours of a way mean: provenances by number, or errors in mm. */
-  scale(mode: Mode): [number, string][] {
-    if (mode === "provenance") return PROVENANCE.map((color, n) => [n, color]);
+  /** What the colours of a way mean, from small to large; nothing where they are those of the object. */
+  scale(mode: Mode): Shade[] {
+    if (mode === "provenance") return PROVENANCE.map((color, value) => ({ value, color, isOpen: false }));
     if (mode !== "error") return [];
-    return ERROR.map((color, n) => [(this.largest * 1000 * n) / (ERROR.length - 1), color]);
+    const last = ERROR.length - 1;
+    return ERROR.map((color, n) => {
+      const value = (this.endOfScale * 1000 * n) / last;
+      return { value, color, isOpen: n === last && this.largest > this.endOfScale };
+    });
   }
 
-  /** The next two points that are tapped are measured between. */
-  measure(): void {
-    this.isMeasuring = true;
+  /** The next two points that are tapped are measured between; or, where they are not any more, none is. */
+  measure(isMeasuring: boolean): void {
+    this.isMeasuring = isMeasuring;
     this.points = [];
-    for (const mark of this.marks) this.scene.remove(mark);
+    for (const { mesh } of this.marks) {
+      this.scene.remove(mesh);
+      mesh.geometry.dispose();
+    }
     this.marks = [];
     this.draw();
   }
+
+  /** Sees the model from a part or a multiple of the distance. */
+  private approach(factor: number): void {
+    const offset = this.camera.position.clone().sub(this.controls.target).multiplyScalar(factor);
+    this.camera.position.copy(this.controls.target).add(offset);
+    this.controls.update();
+  }
+
+  zoomIn(): void {
+    this.approach(NEARER);
+  }
+
+  zoomOut(): void {
+    this.approach(1 / NEARER);
+  }
+
+  /** Shows the model from where it was seen first. */
+  reset(): void {
+    this.controls.reset();
+  }
+
+  private readonly moved = () => {
+    const distance = this.camera.position.distanceTo(this.controls.target);
+    // For whoever looks how near it is: 2.00 is half as far away as at first.
+    this.canvas.dataset.zoom = ((this.size * START) / distance).toFixed(2);
+    this.draw();
+  };
+
+  /** The picture keeps the wheel and vertical swipes to itself, or leaves them to the page, which scrolls. */
+  private hold(isHeld: boolean): void {
+    this.isHeld = isHeld;
+    this.canvas.style.touchAction = isHeld ? "none" : "pan-y";
+  }
+
+  private readonly release = () => this.hold(false);
+
+  private readonly left = (event: PointerEvent) => {
+    if (event.pointerType === "mouse") this.hold(false);
+  };
+
+  private readonly wheel = (event: WheelEvent) => {
+    // A pinch on a touchpad comes as a wheel with Ctrl.
+    if (!this.isHeld && !event.ctrlKey && !event.metaKey) event.stopImmediatePropagation();
+  };
+
+  private readonly touched = (event: TouchEvent) => {
+    // Two fingers zoom, and do not scroll.
+    if (event.touches.length > 1 && event.cancelable) event.preventDefault();
+  };
 
   private readonly down = (event: PointerEvent) => {
     this.pressed.set(event.clientX, event.clientY);
@@ -187,7 +290,9 @@ export class Viewer {
   private readonly up = (event: PointerEvent) => {
     // A tap, and not the end of a turn.
     const moved = this.pressed.distanceTo(new Vector2(event.clientX, event.clientY));
-    if (!this.isMeasuring || moved > 8) return;
+    if (moved > TAP) return;
+    this.hold(true);
+    if (!this.isMeasuring) return;
     const box = this.canvas.getBoundingClientRect();
     const x = ((event.clientX - box.left) / box.width) * 2 - 1;
     const y = 1 - ((event.clientY - box.top) / box.height) * 2;
@@ -195,21 +300,51 @@ export class Viewer {
     ray.setFromCamera(new Vector2(x, y), this.camera);
     const hit = ray.intersectObjects(this.meshes, false)[0];
     if (hit) this.take(hit.point);
+    else this.measured("beside");
   };
 
   private take(point: Vector3): void {
     this.points.push(point.clone());
-    const mark = new Mesh(new SphereGeometry(this.size / 150), new MeshBasicMaterial({ color: 0xd55e00 }));
-    mark.position.copy(point);
-    this.marks.push(mark);
-    this.scene.add(mark);
-    this.draw();
+    const dot = this.mark(new SphereGeometry(1), DOT);
+    dot.position.copy(point);
     if (this.points.length < 2) {
-      this.measured(null);
+      this.measured("second");
       return;
     }
+    const [from, to] = this.points;
+    this.join(from, to);
     this.isMeasuring = false;
-    this.measured(this.points[0].distanceTo(this.points[1]) * 1000);
+    this.measured(from.distanceTo(to) * 1000);
+  }
+
+  /** Draws the line that was measured. */
+  private join(from: Vector3, to: Vector3): void {
+    const length = from.distanceTo(to);
+    if (length === 0) return;
+    const line = this.mark(new CylinderGeometry(1, 1, length, 8), LINE);
+    line.position.copy(from).lerp(to, 0.5);
+    const direction = to.clone().sub(from).divideScalar(length);
+    line.quaternion.setFromUnitVectors(new Vector3(0, 1, 0), direction);
+  }
+
+  /** Adds a mark of what is measured, which is seen through the object too. */
+  private mark(geometry: BufferGeometry, radius: number): Mesh {
+    const mesh = new Mesh(geometry, new MeshBasicMaterial({ color: MARK, depthTest: false }));
+    mesh.renderOrder = 1;
+    this.marks.push({ mesh, radius });
+    this.scene.add(mesh);
+    this.draw();
+    return mesh;
+  }
+
+  /** Gives marks the size on the screen that they have from every distance. */
+  private scaleMarks(): void {
+    const seen = 2 * Math.tan((this.camera.fov * Math.PI) / 360);
+    for (const { mesh, radius } of this.marks) {
+      const pixel = (seen * this.camera.position.distanceTo(mesh.position)) / this.canvas.clientHeight;
+      const across = radius * pixel;
+      mesh.scale.set(across, radius === DOT ? across : 1, across);
+    }
   }
 
   private readonly key = (event: KeyboardEvent) => {
@@ -221,8 +356,8 @@ export class Viewer {
       ArrowRight: () => offset.applyAxisAngle(up, STEP),
       ArrowUp: () => offset.applyAxisAngle(side, -STEP),
       ArrowDown: () => offset.applyAxisAngle(side, STEP),
-      "+": () => offset.multiplyScalar(0.85),
-      "-": () => offset.multiplyScalar(1.18),
+      "+": () => offset.multiplyScalar(NEARER),
+      "-": () => offset.multiplyScalar(1 / NEARER),
     };
     const turn = turns[event.key];
     if (!turn) return;
@@ -230,7 +365,6 @@ export class Viewer {
     turn();
     this.camera.position.copy(this.controls.target).add(offset);
     this.controls.update();
-    this.draw();
   };
 
   /** Frees what the viewer holds. */
@@ -240,6 +374,10 @@ export class Viewer {
     this.canvas.removeEventListener("keydown", this.key);
     this.canvas.removeEventListener("pointerdown", this.down);
     this.canvas.removeEventListener("pointerup", this.up);
+    this.canvas.removeEventListener("pointerleave", this.left);
+    this.canvas.removeEventListener("blur", this.release);
+    this.canvas.removeEventListener("wheel", this.wheel, { capture: true });
+    this.canvas.removeEventListener("touchmove", this.touched);
     this.controls.dispose();
     for (const mesh of this.meshes) mesh.geometry.dispose();
     this.renderer.dispose();

@@ -54,6 +54,94 @@ test("photographs stand beside the model, and one that is chosen is shown large"
   expect(rig.log("page").slice(logged)).not.toContain("cannot make its photographs");
 });
 
+test("the wheel scrolls the page over a model, and zooms with Ctrl or after a click; its buttons are seen with it", async ({ page, rig }) => {
+  await rig.prepare();
+  await enter(page, rig, "viewer");
+  const [recording, capture] = make(rig);
+  await page.goto(`http://127.0.0.1:${rig.port}/#/history/${recording}/${capture}`);
+  const canvas = page.locator("canvas[data-loaded]");
+  await expect(canvas).toHaveAttribute("data-zoom", "1.00");
+  await expect(page.locator(".photographs img")).toHaveCount(rig.options.cameras);
+  const box = await canvas.boundingBox();
+  expect(box.height).toBeLessThanOrEqual(768 * 0.55);
+  await expect(page.locator("[data-mode=textured]")).toBeInViewport({ ratio: 1 });
+  const [x, y] = [box.x + box.width / 2, box.y + box.height / 2];
+  const scrolled = () => page.evaluate(() => scrollY);
+  await page.mouse.move(x, y);
+  await page.mouse.wheel(0, 100);
+  await expect.poll(scrolled).toBe(100);
+  await expect(canvas).toHaveAttribute("data-zoom", "1.00");
+  await page.evaluate(() => scrollTo(0, 0));
+  await page.keyboard.down("Control");
+  await page.mouse.wheel(0, -100);
+  await page.keyboard.up("Control");
+  await expect(canvas).not.toHaveAttribute("data-zoom", "1.00");
+  const reset = page.getByRole("button", { name: "Reset the view" });
+  await reset.click();
+  await expect(canvas).toHaveAttribute("data-zoom", "1.00");
+  // After a click the wheel alone zooms, until the pointer leaves the picture.
+  await page.evaluate(() => scrollTo(0, 0));
+  await page.mouse.click(x, y);
+  await page.mouse.wheel(0, -100);
+  await expect(canvas).not.toHaveAttribute("data-zoom", "1.00");
+  expect(await scrolled()).toBe(0);
+  await reset.click();
+  await page.getByRole("button", { name: "Zoom in" }).click();
+  await expect(canvas).toHaveAttribute("data-zoom", "1.18");
+  await page.evaluate(() => scrollTo(0, 0));
+  await page.mouse.move(x, y);
+  await page.mouse.wheel(0, 100);
+  await expect.poll(scrolled).toBe(100);
+  await expect(canvas).toHaveAttribute("data-zoom", "1.18");
+});
+
+test("measuring shows that it is on, and says when a tap is beside the object", async ({ page, rig }) => {
+  await rig.prepare();
+  await enter(page, rig, "viewer");
+  const [recording, capture] = make(rig);
+  await page.goto(`http://127.0.0.1:${rig.port}/#/history/${recording}/${capture}`);
+  await expect(page.locator("canvas[data-loaded]")).toBeVisible();
+  const button = page.locator("[data-measure]");
+  const told = page.locator(".viewer [role=status]");
+  await button.scrollIntoViewIfNeeded();
+  const before = await button.boundingBox();
+  await expect(button).toHaveAttribute("aria-pressed", "false");
+  await button.click();
+  await expect(button).toHaveAttribute("aria-pressed", "true");
+  await expect(told).toContainText("Tap the first point.");
+  expect(await button.boundingBox()).toEqual(before);
+  const box = await page.locator("canvas").boundingBox();
+  const tap = (x, y) => page.mouse.click(box.x + x, box.y + y);
+  await tap(15, 15);
+  await expect(told).toHaveText("That was beside the object: tap a point on it.");
+  await expect(button).toHaveAttribute("aria-pressed", "true");
+  await tap(box.width / 2 - 10, box.height / 2);
+  await expect(told).toHaveText("Tap the second point.");
+  await tap(box.width / 2 + 10, box.height / 2);
+  await expect(told).toHaveText(/^\d+\.\d mm between/);
+  await expect(button).toHaveAttribute("aria-pressed", "false");
+  await shot(page, "measured");
+  await button.click();
+  await button.click();
+  await expect(button).toHaveAttribute("aria-pressed", "false");
+  await expect(told).toHaveText("");
+});
+
+test("the scale of the expected errors leaves out the few largest ones, and says so", async ({ page, rig }) => {
+  await rig.prepare();
+  await enter(page, rig, "viewer");
+  const [recording, capture] = make(rig);
+  await page.goto(`http://127.0.0.1:${rig.port}/#/history/${recording}/${capture}`);
+  await expect(page.locator("canvas[data-loaded]")).toBeVisible();
+  await page.locator("[data-mode=error]").click();
+  const shades = page.locator(".legend li");
+  await expect(shades).toHaveCount(5);
+  await expect(shades.first()).toHaveText("0.00");
+  await expect(shades.last()).toHaveText(/^\d+\.\d\d and more$/);
+  await page.locator("[data-mode=provenance]").click();
+  await expect(shades.filter({ hasText: "and more" })).toHaveCount(0);
+});
+
 /** The files that a capture's page offers, in its order, and their media types. */
 const DOWNLOADS = {
   "model.glb": "model/gltf-binary",
@@ -104,9 +192,24 @@ test("a model is compared with one of the same object in an earlier session", as
   await expect(list.locator("optgroup option")).toContainText([`${earlier.join(": ")}`]);
   await list.selectOption(earlier.join("/"));
   await expect(page.locator("[data-compared]")).toContainText("cm³");
+  await expect(page.locator("[data-compared] tbody th")).toContainText(["Verdict", "Width", "Depth", "Height"]);
+  const pills = page.locator("[data-compared] .verdict");
+  await expect(pills).toHaveCount(2);
+  for (const pill of await pills.all()) expect((await pill.boundingBox()).height).toBeLessThan(40);
+  await expect(page.locator(".photographs img")).toHaveCount(rig.options.cameras);
+  const downloads = page.getByRole("heading", { name: "Downloads" });
+  const before = await downloads.evaluate((heading) => heading.offsetTop);
+  await expect(page.locator("dt").first()).toHaveText("Width × depth × height, as it lay");
   await expect(page.locator("scand-compare")).toContainText("Surfaces are compared as they lay in the rig");
   await page.locator("[data-measure-surfaces]").click();
   await expect(page.locator("[data-apart]")).toContainText(/\d\.\d\d/, { timeout: 60_000 });
+  expect(await downloads.evaluate((heading) => heading.offsetTop)).toBe(before);
+  await page.getByRole("button", { name: "Enlarge the picture of the distances" }).click();
+  const large = page.getByRole("dialog", { name: /^Both models/ });
+  const widths = await large.locator("img").evaluate((img) => [img.width, img.naturalWidth]);
+  expect(widths[0]).toBe(widths[1]);
+  await large.getByRole("button", { name: "Close" }).click();
+  await expect(large).toHaveCount(0);
   await page.locator("[data-compared] thead a").click();
   await expect(page.locator("h1")).toHaveText(earlier[1]);
   // In the history, an earlier session is chosen from the list.

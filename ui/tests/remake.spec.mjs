@@ -25,7 +25,7 @@ test("a model is made again with other settings, beside the first", async ({ pag
   await expect(page.locator("[data-compared] thead")).toContainText(name);
   await page.locator("[data-measure-surfaces]").click();
   await expect(page.locator("[data-apart]")).toContainText(/\d\.\d\d/, { timeout: 60_000 });
-  await expect.poll(() => page.locator("scand-compare img").evaluate((img) => img.naturalWidth)).toBeGreaterThan(500);
+  await expect.poll(() => page.locator("scand-compare .enlarge img").evaluate((img) => img.naturalWidth)).toBeGreaterThan(500);
   await shot(page, "compared");
   // What people say of the capture holds for its other models too.
   rig.scand("note", "--socket", "scand.sock", name, "reject", "a hand");

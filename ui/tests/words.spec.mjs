@@ -6,6 +6,7 @@ test("reasons are in the page's language, and a list that is cut says so", async
   const reasons = [
     { level: "red", code: "frame_cut", words: "c03 cuts it" },
     { level: "amber", code: "of_another_version", words: "<b>new</b>" },
+    { level: "amber", code: "no_depth_camera", words: "the rig has no depth camera" },
     { level: "amber", code: "blurred", words: "the object's outline is blurred: c00 (3.0 px), c02 (2.1 px), 2 more" },
     { level: "amber", code: "depth_biased", words: "depth is off by more than its calibration allows: kinect (5.1 mm more); 9.3 mm in all" },
     { level: "amber", code: "of_another_version", words: "depth camera kinect gave 7 frames from -50.0 to 900.0 ms after the trigger, expected at least 10" },
@@ -25,6 +26,7 @@ test("reasons are in the page's language, and a list that is cut says so", async
   await expect(page.locator("main")).toContainText("Rand eines Bildes. c03 cuts it");
   await expect(page.locator("main")).toContainText("<b>new</b>");
   await expect(page.getByRole("rowheader", { name: "of_another_version" })).toBeVisible();
+  await expect(page.getByRole("cell", { name: "1,00 mm" })).toBeVisible(); // German
   // The details are the daemon's; those that the catalogue has are in the page's language, and the others marked.
   await expect(page.locator("main")).toContainText("der Umriss des Objekts ist unscharf: c00 (3.0 px), c02 (2.1 px), 2 weitere"); // German
   await expect(page.locator("main")).toContainText("kinect (5.1 mm mehr); insgesamt 9.3 mm");
@@ -32,6 +34,10 @@ test("reasons are in the page's language, and a list that is cut says so", async
   await expect(page.locator("main [lang=en]")).toHaveText(["c03 cuts it", "<b>new</b>"]);
   await page.getByRole("button", { name: "English" }).click();
   await expect(page.locator("main")).toContainText("the object's outline is blurred: c00 (3.0 px), c02 (2.1 px), 2 more");
+  await expect(page.getByRole("cell", { name: "1.00 mm" })).toBeVisible();
+  // Nothing is said twice, and codes are for programs.
+  await expect(page.locator("[data-code=no_depth_camera]")).toHaveText("The rig has no depth camera: every hollow is filled.");
+  await expect(page.locator("[data-code=blurred]")).toHaveText("the object's outline is blurred: c00 (3.0 px), c02 (2.1 px), 2 more");
 });
 
 /** What a camera says, the same on the German page, and what of that stays English. */

@@ -39,6 +39,21 @@ export function t(key: Key, values: Record<string, string | number> = {}): strin
   return text.replace(/\{(\w+)\}/g, (whole, name: string) => (name in values ? String(values[name]) : whole));
 }
 
+/** A number as the page's language writes it, with a number of digits behind the decimal separator. */
+export function number(value: number, digits: number): string {
+  return format(value, digits, "auto");
+}
+
+/** A difference: the same with its sign, unless it rounds to zero. */
+export function difference(value: number, digits: number): string {
+  return format(value, digits, "exceptZero");
+}
+
+function format(value: number, digits: number, signDisplay: "auto" | "exceptZero"): string {
+  const shown = { minimumFractionDigits: digits, maximumFractionDigits: digits, signDisplay };
+  return new Intl.NumberFormat(current, shown).format(value);
+}
+
 /** A length of time in words, from milliseconds. */
 export function age(ms: number): string {
   const seconds = Math.max(0, ms / 1000);
