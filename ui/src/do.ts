@@ -248,6 +248,21 @@ class DoPart extends Part {
   }
 }
 
+/** What was said of a capture, in words, once the daemon has it. */
+function heard(kind: string, capture: string, reason: string): string {
+  const isBare = reason === "";
+  switch (kind) {
+    case "accept":
+      return isBare ? t("told_accepted", { capture }) : t("told_accepted_why", { capture, reason });
+    case "reject":
+      return t("told_rejected", { capture, reason });
+    case "clear":
+      return isBare ? t("told_cleared", { capture }) : t("told_cleared_why", { capture, reason });
+    default:
+      return t("told_noted", { capture });
+  }
+}
+
 /** What people say of a capture: accept, reject, take that back, note. */
 class SayPart extends Part {
   static properties = {
@@ -299,7 +314,9 @@ class SayPart extends Part {
     const capture = this.about();
     const field = this.field();
     const text = field?.value.trim() ?? "";
-    if (kind === "text" && text === "") {
+    // A note without words says nothing, and whoever finds a rejected capture later needs to know why.
+    if (["text", "reject"].includes(kind) && text === "") {
+      this.message = t(kind === "reject" ? "reject_needs_reason" : "note_needs_words", { capture });
       field?.focus();
       return;
     }
@@ -308,7 +325,7 @@ class SayPart extends Part {
       const answer = await api.note(capture, kind, text, this.author ?? author());
       if (answer.type === "ok" && field) field.value = "";
       if (answer.type === "ok") this.pinned = "";
-      this.message = answer.type === "ok" ? t("told_noted", { capture }) : told(answer);
+      this.message = answer.type === "ok" ? heard(kind, capture, text) : told(answer);
     } catch (error) {
       this.message = error instanceof api.Refused ? error.words() : String(error);
     } finally {

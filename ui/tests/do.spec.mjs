@@ -190,8 +190,10 @@ test("a session is closed, and its capture is accepted and noted about afterward
   await page.goto(`http://127.0.0.1:${rig.port}/#/history/${recording}/${capture}`);
   await page.locator("[data-say=accept]").click();
   await expect(page.locator("p.row > .decision")).toHaveText("accepted");
+  await expect(page.locator(".say .told")).toHaveText(`Capture ${capture} is accepted.`);
   await page.getByLabel("Why, or a note").fill("The handle is glued.");
   await page.locator("[data-say=text]").click();
+  await expect(page.locator(".say .told")).toHaveText(`The note on capture ${capture} is stored.`);
   await expect(page.locator("main")).toContainText("Note: The handle is glued.");
   expect(readdirSync(rig.path("recordings"))).toContain(`${recording}.notes.jsonl`);
 });

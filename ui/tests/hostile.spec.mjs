@@ -18,7 +18,7 @@ test("names, numbers and notes full of markup are text", async ({ page, rig, exp
   await sign(page, "green", "amber");
   await page.getByLabel("Why, or a note").fill(MARKUP);
   await page.locator("[data-say=reject]").click();
-  await expect(page.locator(".say .told")).toContainText("is stored");
+  await expect(page.locator(".say .told")).toContainText(`is rejected: ${MARKUP}`);
   await expect(page.locator(".facts .decision")).toHaveText("rejected");
   await page.locator(".facts a").click();
   await expect(page.locator(".decision")).toHaveText("rejected");

@@ -43,7 +43,7 @@ test("of several captures of an object the page tells how they lie, and makes th
   // A rejected capture is left out, and what was told of how it lies is marked.
   await page.getByLabel("Why, or a note").fill("it rolled");
   await page.locator("[data-say=reject]").click();
-  await expect(page.locator(".say .told")).toContainText("is stored");
+  await expect(page.locator(".say .told")).toHaveText(`Capture ${third} is rejected: it rolled`);
   await expect(registered).toContainText(isOld);
   await expect.poll(() => fusedCaptures(page, rig), slow).toEqual([first, second]);
   await expect(fused).not.toContainText(isOld, slow);
