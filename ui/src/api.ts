@@ -214,7 +214,7 @@ function post(path: string, body: object, patience_ms = 70_000): Promise<unknown
   return call(path, { method: "POST", headers, body: JSON.stringify(body) }, patience_ms);
 }
 
-/** Who this session is; refused without one. */
+/** Who is signed in on this device; refused if nobody is. */
 export async function me(): Promise<Me> {
   const found = (await get("/api/me")) as Me;
   token = found.token;

@@ -1,4 +1,4 @@
-// Requests that mean no good, names that are full of markup, and where the secrets of a session are not.
+// Requests that mean no good, names that are full of markup, and where the secrets of who is signed in are not.
 import { randomBytes } from "node:crypto";
 import { readFileSync, readdirSync } from "node:fs";
 import { createConnection } from "node:net";
@@ -92,7 +92,7 @@ test("hostile requests by the thousand press nothing, and the page's memory stay
   expect(health.status).toBe(200);
 });
 
-test("a session that is revoked is over at once, its page says so, and its secrets are nowhere", async ({ page, rig, expected }) => {
+test("a device that is signed out is out at once, its page says so, and its secrets are nowhere", async ({ page, rig, expected }) => {
   expected.push("401");
   await rig.prepare();
   const link = rig.link();
@@ -111,7 +111,7 @@ test("a session that is revoked is over at once, its page says so, and its secre
   }
   rig.scand("page", "revoke", "--all", "--config", "page.toml");
   await expect(page.locator("pre")).toHaveText("scand page pair", { timeout: 20_000 });
-  await expect(page.getByRole("alert")).toHaveText("This session is over: it was ended, or its time is up.");
+  await expect(page.getByRole("alert")).toHaveText("You are signed out: somebody signed this device out, or its time is up.");
   const kept = readFileSync(rig.path("page-state/sessions.json"), "utf8");
   expect(kept.trim()).toBe("[]");
 });
