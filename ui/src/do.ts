@@ -4,6 +4,7 @@ import * as api from "./api";
 import { Part } from "./element";
 import { live } from "./live";
 import { press, resume } from "./press";
+import { shown } from "./signs";
 import { type Key, t } from "./words";
 import { said } from "./words/said";
 
@@ -41,21 +42,56 @@ function author(): string {
 /** How an object often lies; any other words do as well. */
 const PLACEMENTS: Key[] = ["placement_upright", "placement_side", "placement_other_side", "placement_upside_down"];
 
-class DoPart extends Part {
-  static properties = { message: { state: true }, busy: { state: true }, pressing: { state: true }, asking: { state: true } };
+/** The button for background pictures, which asks whether the rig is empty before it takes them. */
+class PlatesPart extends Part {
+  static properties = { take: { attribute: false }, disabled: { type: Boolean }, asking: { state: true } };
+  declare take: () => void;
+  declare disabled: boolean;
+  declare asking: boolean;
+
+  constructor() {
+    super();
+    this.take = () => {};
+    this.disabled = false;
+    this.asking = false;
+  }
+
+  private readonly confirmed = () => {
+    this.asking = false;
+    this.take();
+  };
+
+  render(): TemplateResult {
+    if (this.asking) return this.confirm();
+    const ask = () => (this.asking = true);
+    return html`<button ?disabled=${this.disabled} @click=${ask}>${t("plates_ask")}</button>`;
+  }
+
+  private confirm(): TemplateResult {
+    const cancel = () => (this.asking = false);
+    return html`
+      <p>${t("plates_confirm")}</p>
+      <p class="row">
+        <button ?disabled=${this.disabled} @click=${this.confirmed}>${t("plates_yes")}</button>
+        <button @click=${cancel}>${t("cancel")}</button>
+      </p>
+    `;
+  }
+}
+
+export class DoPart extends Part {
+  static properties = { message: { state: true }, busy: { state: true }, pressing: { state: true } };
   declare message: string;
   /** Whether an answer is waited for. */
   declare busy: boolean;
   /** Whether it is that to a press. */
   declare pressing: boolean;
-  declare asking: boolean;
 
   constructor() {
     super();
     this.message = "";
     this.busy = false;
     this.pressing = false;
-    this.asking = false;
   }
 
   connectedCallback(): void {
@@ -137,8 +173,9 @@ class DoPart extends Part {
     }
   }
 
-  private readonly plates = async () => {
-    this.asking = false;
+  /** Takes background pictures of the rig, which somebody said is empty. */
+  readonly takePlates = async (): Promise<void> => {
+    if (this.busy) return;
     if (await this.during(api.plates())) this.message = t("told_plates");
   };
 
@@ -161,6 +198,7 @@ class DoPart extends Part {
     const now = live.now();
     const isConnected = now !== null && now.daemon !== null;
     const session = now?.daemon?.session ?? null;
+    const isBesideSign = shown(now) === "ready_no_plates";
     return html`
       <section class="do" aria-label=${t("press")}>
         <div class="number">
@@ -189,10 +227,7 @@ class DoPart extends Part {
         <p class="told" role="status">${this.message}</p>
         ${now?.last ? html`<scand-say .capture=${now.last.capture}></scand-say>` : nothing}
         <div class="cards">
-          <section class="card">
-            <h2>${t("plates")}</h2>
-            ${this.asking ? this.confirm() : this.askPlates(!isConnected || this.busy)}
-          </section>
+          ${isBesideSign ? nothing : this.plates(!isConnected || this.busy)}
           <section class="card">
             <h2>${t("session")}</h2>
             ${session ? this.open(session) : this.closed(!isConnected || this.busy)}
@@ -202,19 +237,12 @@ class DoPart extends Part {
     `;
   }
 
-  private askPlates(disabled: boolean): TemplateResult {
-    const ask = () => (this.asking = true);
-    return html`<button ?disabled=${disabled} @click=${ask}>${t("plates_ask")}</button>`;
-  }
-
-  private confirm(): TemplateResult {
-    const cancel = () => (this.asking = false);
+  private plates(disabled: boolean): TemplateResult {
     return html`
-      <p>${t("plates_confirm")}</p>
-      <p class="row">
-        <button @click=${this.plates}>${t("plates_yes")}</button>
-        <button @click=${cancel}>${t("cancel")}</button>
-      </p>
+      <section class="card">
+        <h2>${t("plates")}</h2>
+        <scand-plates ?disabled=${disabled} .take=${this.takePlates}></scand-plates>
+      </section>
     `;
   }
 
@@ -364,5 +392,6 @@ class SayPart extends Part {
   }
 }
 
+customElements.define("scand-plates", PlatesPart);
 customElements.define("scand-do", DoPart);
 customElements.define("scand-say", SayPart);

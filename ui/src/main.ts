@@ -6,6 +6,7 @@ import "./history";
 import { live } from "./live";
 import "./look";
 import "./now";
+import { shown } from "./signs";
 import { isOn, play, turn, wake } from "./sound";
 import "./state";
 import "./style.css";
@@ -119,8 +120,9 @@ class Page extends LitElement {
     const now = live.now();
     const sign = now?.sign ?? "unknown";
     this.sound(sign, now?.capture ?? "");
-    if (sign === this.sign) return;
-    this.sign = sign;
+    const look = shown(now);
+    if (look === this.sign) return;
+    this.sign = look;
     this.entitle();
   }
 

@@ -1,12 +1,13 @@
 // "Now": the one large sign, what it is about, and what an operator does.
 import { html, nothing, type TemplateResult } from "lit";
 import type { Last, Now, ObjectTold } from "./api";
+import type { DoPart } from "./do";
 import "./do";
 import { Part } from "./element";
 import { decision, verdict } from "./history";
 import { live } from "./live";
 import { list } from "./reasons";
-import { sign } from "./signs";
+import { shown, sign } from "./signs";
 import { age, isKey, type Key, t } from "./words";
 import { isSaid, said, spoken } from "./words/said";
 
@@ -29,21 +30,27 @@ class NowPart extends Part {
 
   private sign(now: Now | null): TemplateResult {
     const name = now?.sign ?? "unknown";
+    const look = shown(now);
     const since = now && now.age_ms !== null ? now.age_ms + live.passed() : null;
     const about = [now?.capture ?? "", since === null ? "" : age(since)].filter((text) => text !== "");
     // The form and the words are told as one; a screen reader says them when they change.
     return html`
-      <section class="now sign-${name}" data-sign=${name}>
-        ${sign(name)}
+      <section class="now sign-${look}" data-sign=${name}>
+        ${sign(look)}
         <div>
-          <h1><span role="status" aria-live="assertive">${t(`sign_${name}` as Key)}</span></h1>
-          <p class="hint">${t(hint(name, now))}</p>
+          <h1><span role="status" aria-live="assertive">${t(`sign_${look}` as Key)}</span></h1>
+          <p class="hint">${t(hint(look, now))}</p>
+          ${this.operator && look === "ready_no_plates" ? html`<scand-plates .take=${this.takePlates}></scand-plates>` : nothing}
           ${now ? reasons(name, now) : nothing}
           <p class="about">${about.join(" · ")}</p>
         </div>
       </section>
     `;
   }
+
+  private readonly takePlates = () => {
+    void this.querySelector<DoPart>("scand-do")?.takePlates();
+  };
 
   private facts(now: Now): TemplateResult {
     const daemon = now.daemon;
@@ -83,7 +90,6 @@ function reasons(name: string, now: Now): TemplateResult | typeof nothing {
 }
 
 function hint(name: string, now: Now | null): Key {
-  if (name === "ready" && now?.daemon?.plates_age_h === null) return "sign_ready_no_plates_hint";
   const makesNone = name === "safe" && now?.daemon?.models === null;
   return makesNone ? "sign_safe_only_hint" : (`sign_${name}_hint` as Key);
 }

@@ -145,6 +145,15 @@ test("without background pictures the page says so before a press, and afterward
     await rig.startDaemon();
     await sign(page, "ready");
     await expect(page.locator(".now .hint")).toContainText("first take background pictures");
+    // It is not the green sign, and what to do is in view beside it.
+    await expect(page.locator(".now h1")).toHaveText("No background pictures");
+    await expect(page.locator(".now")).toHaveCSS("background-color", "rgb(255, 191, 46)");
+    const ask = page.getByRole("button", { name: "Take background pictures" });
+    await expect(ask).toHaveCount(1);
+    await expect(page.locator(".now").getByRole("button", { name: "Take background pictures" })).toBeInViewport();
+    await ask.click();
+    await expect(page.locator(".now")).toContainText("Is the rig empty?");
+    await page.getByRole("button", { name: "Cancel" }).click();
     await page.getByRole("button", { name: "Press", exact: true }).click();
     await sign(page, "model_failed");
     await expect(page.locator(".now h1")).toHaveText("No model");

@@ -25,6 +25,7 @@ export const de: Words = {
   sign_busy_hint: "Die Anlage führt einen Auftrag aus, etwa Hintergrundbilder: ein Druck würde jetzt nicht angenommen.",
   sign_ready: "Bereit",
   sign_ready_hint: "Stellen Sie das Objekt hinein, nehmen Sie die Hände weg und drücken Sie: der nächste Druck löst aus.",
+  sign_ready_no_plates: "Keine Hintergrundbilder",
   sign_ready_no_plates_hint: "Der nächste Druck löst aus, aber nehmen Sie zuerst Hintergrundbilder der leeren Anlage auf: ohne sie entsteht kein Modell.",
   sign_ready_without: "Bereit, aber Kameras fehlen",
   sign_ready_without_hint: "Der nächste Druck löst ohne diese Kameras aus, wie es eingestellt ist:",

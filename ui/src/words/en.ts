@@ -23,6 +23,7 @@ export const en = {
   sign_busy_hint: "The rig carries out an order, such as background pictures: a press would not be taken now.",
   sign_ready: "Ready",
   sign_ready_hint: "Put the object in, take your hands away, and press: the next press is taken.",
+  sign_ready_no_plates: "No background pictures",
   sign_ready_no_plates_hint: "The next press is taken, but first take background pictures of the empty rig: without them there is no model.",
   sign_ready_without: "Ready, with cameras missing",
   sign_ready_without_hint: "The next press is taken without these cameras, as the configuration allows:",
