@@ -89,6 +89,14 @@ export interface Reason {
   words: string;
 }
 
+/** What somebody said of a capture: `accept`, `reject`, `clear` or `text`, and when in nanoseconds since 1970. */
+export interface Note {
+  kind: string;
+  text: string;
+  author: string | null;
+  time_ns: string | null;
+}
+
 export interface Summary {
   capture: string;
   recording: string;
@@ -98,7 +106,7 @@ export interface Summary {
   placement: string | null;
   time_s: number | null;
   decision: string | null;
-  notes: { kind: string; text: string; author: string | null; time_ns: string | null }[];
+  notes: Note[];
   has_preview: boolean;
   has_model: boolean;
   /** Differs between one state of the model's file and another. */

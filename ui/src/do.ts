@@ -2,10 +2,11 @@
 import { html, nothing, type TemplateResult } from "lit";
 import * as api from "./api";
 import { Part } from "./element";
+import { date } from "./history";
 import { live } from "./live";
 import { press, resume } from "./press";
 import { shown } from "./signs";
-import { type Key, t } from "./words";
+import { isKey, type Key, t } from "./words";
 import { said } from "./words/said";
 
 /** What an answer says, in the page's language. */
@@ -225,7 +226,7 @@ export class DoPart extends Part {
         </button>
         <p class="quiet" id="press-hint">${t("press_hint")}</p>
         <p class="told" role="status">${this.message}</p>
-        ${now?.last ? html`<scand-say .capture=${now.last.capture}></scand-say>` : nothing}
+        ${now?.last ? html`<scand-say .capture=${now.last.capture} .decision=${now.last.decision ?? null}></scand-say>` : nothing}
         <div class="cards">
           ${isBesideSign ? nothing : this.plates(!isConnected || this.busy)}
           <section class="card">
@@ -276,6 +277,20 @@ export class DoPart extends Part {
   }
 }
 
+/** A note that somebody made: what it decided or said, who, and when. */
+export function noted(note: api.Note): TemplateResult {
+  const known: Record<string, string> = {
+    accept: t("decision_accepted"),
+    reject: t("decision_rejected"),
+    clear: t("decision_cleared"),
+    text: t("note"),
+  };
+  const seconds = Number(note.time_ns ?? NaN) / 1e9;
+  return html`${known[note.kind] ?? note.kind}${note.text ? html`: <bdi>${note.text}</bdi>` : nothing}
+    <span class="quiet">(${note.author ? html`<bdi>${note.author}</bdi>` : t("note_no_name")})
+      ${Number.isFinite(seconds) ? date(seconds) : t("note_no_time")}</span>`;
+}
+
 /** What was said of a capture, in words, once the daemon has it. */
 function heard(kind: string, capture: string, reason: string): string {
   const isBare = reason === "";
@@ -295,12 +310,15 @@ function heard(kind: string, capture: string, reason: string): string {
 class SayPart extends Part {
   static properties = {
     capture: {},
+    decision: { attribute: false },
     pinned: { state: true },
     author: { state: true },
     message: { state: true },
     busy: { state: true },
   };
   declare capture: string;
+  /** What holds of the capture: `accepted` or `rejected`; null if neither is known. */
+  declare decision: string | null;
   /** The capture that somebody began to write about; a press meanwhile does not put another one in its place. */
   declare pinned: string;
   /** Who says it, once somebody typed a name. */
@@ -311,6 +329,7 @@ class SayPart extends Part {
   constructor() {
     super();
     this.capture = "";
+    this.decision = null;
     this.pinned = "";
     this.author = null;
     this.message = "";
@@ -363,25 +382,36 @@ class SayPart extends Part {
   }
 
   render(): TemplateResult {
-    const kinds: [string, string][] = [
-      ["accept", t("accept")],
-      ["reject", t("reject")],
-      ["clear", t("clear")],
-      ["text", t("note")],
-    ];
     const isEarlier = this.about() !== this.capture;
+    // Of an earlier capture it is not told here.
+    const decision = isEarlier ? null : this.decision;
+    const back = `clear_${decision ?? ""}`;
+    const kinds: [string, string, boolean][] = [
+      ["accept", t("accept"), decision === "accepted"],
+      ["reject", t("reject"), decision === "rejected"],
+      ["clear", t(isKey(back) ? back : "clear"), false],
+      ["text", t("note"), false],
+    ];
+    const now = `say_${decision ?? ""}`;
     return html`
       <fieldset class="say">
         <legend>${t("verdict_of", { capture: this.about() })}</legend>
         ${isEarlier ? html`<p class="warning">${t("say_earlier", { capture: this.about(), last: this.capture })}</p>` : nothing}
+        ${isKey(now) ? html`<p data-holds>${t(now)}</p>` : nothing}
         <label for="note-text">${t("note_text")}</label>
         <input id="note-text" maxlength="500" autocomplete="off" ?readonly=${this.busy} @input=${this.typed} />
         <label for="note-author">${t("note_author")}</label>
         <input id="note-author" maxlength="100" autocomplete="name" .value=${this.author ?? author()} @input=${this.named} />
         <p class="row">
           ${kinds.map(
-            ([kind, words]) =>
-              html`<button type="button" data-say=${kind} ?disabled=${this.busy} @click=${() => this.say(kind)}>
+            ([kind, words, isNow]) =>
+              html`<button
+                type="button"
+                data-say=${kind}
+                aria-pressed=${isNow ? "true" : nothing}
+                ?disabled=${this.busy}
+                @click=${() => this.say(kind)}
+              >
                 ${words}
               </button>`,
           )}

@@ -23,8 +23,15 @@ test("names, numbers and notes full of markup are text", async ({ page, rig, exp
   await page.locator(".facts a").click();
   await expect(page.locator(".decision")).toHaveText("rejected");
   await expect(page.locator("main")).toContainText(MARKUP);
+  // What holds is marked, what is taken back has a name, and a note without a name says so.
+  await expect(page.locator("[data-say=reject]")).toHaveAttribute("aria-pressed", "true");
+  await expect(page.locator("[data-say=accept]")).not.toHaveAttribute("aria-pressed");
+  await expect(page.locator("[data-holds]")).toHaveText("It is rejected now.");
+  await expect(page.locator("main")).toContainText(/\(no name given\)[^(]*\d{4}/);
+  await expect(page.locator("[data-say=clear]")).toHaveText("Take “rejected” back");
   await page.locator("[data-say=clear]").click();
   await expect(page.locator(".decision")).toHaveCount(0);
+  await expect(page.locator("[data-say=clear]")).toHaveText("Take the decision back");
   await page.getByRole("link", { name: "History" }).click();
   await expect(page.locator(".strip")).toContainText(MARKUP);
   await expect(page.locator(".strip li")).not.toHaveCount(0);
