@@ -23,6 +23,8 @@ export interface Backlog {
   waiting: number;
   running: { capture: string; seconds: number }[];
   expected_s: number | null;
+  /** Models that are to be made again with other settings; without it of an older daemon. */
+  remakes?: number;
 }
 
 export interface Now {

@@ -268,6 +268,13 @@ export const de: Words = {
 
   remake: "Mit anderen Einstellungen neu berechnen",
   remake_hint: "Was leer bleibt, ist wie eingestellt. Das erste Modell bleibt; das neue liegt daneben und wird berechnet, wenn kein anderes wartet.",
+  remake_waits: "Wartet: {words}. Der Link erscheint hier.",
+  remake_usual: "wie eingestellt (üblich: {value})",
+  remake_resolution_hint: "Das Modell entsteht aus kleinen Würfeln: mehr davon entlang seiner Länge zeigen feinere Einzelheiten und brauchen länger.",
+  remake_significance_hint: "Höher: weniger vom Hintergrund gilt als Objekt. Niedriger: blasse Teile des Objekts gehen seltener verloren.",
+  remake_shadow_hint: "Höher: auch dunklere Schatten gelten nicht als Objekt, aber dunkle Teile von ihm können verloren gehen.",
+  remake_hole_hint: "Kleinere Löcher, etwa zwischen Henkel und Körper, werden gefüllt.",
+  remake_fairing_hint: "Zwischen den Ansichten zweier Kameras hat das Modell ebene Flächen wie ein geschliffener Stein. Geglättet biegt sich seine Oberfläche darüber.",
   remake_resolution: "Zellen entlang des Objekts",
   remake_significance: "Wie sehr ein Bildpunkt vom Hintergrund abweichen muss",
   remake_shadow: "Dunkelster Schatten auf dem Hintergrund",

@@ -266,6 +266,13 @@ export const en = {
 
   remake: "Make it again with other settings",
   remake_hint: "What is left empty stays as configured. The first model stays; the new one lies beside it, and is made when no other model waits.",
+  remake_waits: "Waiting: {words}. Its link appears here.",
+  remake_usual: "as configured (default {value})",
+  remake_resolution_hint: "The model is built of small cubes: more of them along its length show finer detail, and take longer.",
+  remake_significance_hint: "Higher: less of the backdrop is taken for the object. Lower: pale parts of the object are less likely to be lost.",
+  remake_shadow_hint: "Higher: darker shadows are not taken for the object, but dark parts of it may be lost.",
+  remake_hole_hint: "Smaller holes, such as between a handle and the body, are filled.",
+  remake_fairing_hint: "Between two cameras' views the model has flat facets, like a cut gem. Smoothed, its surface bends over them.",
   remake_resolution: "Cells along the object",
   remake_significance: "How much a pixel must differ from the background",
   remake_shadow: "Darkest shadow on the backdrop",
