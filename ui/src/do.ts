@@ -217,8 +217,16 @@ export class DoPart extends Part {
           </div>
           <div>
             <label for="placement">${t("placement")}</label>
-            <input id="placement" list="placements" autocomplete="off" maxlength="100" />
+            <input
+              id="placement"
+              list="placements"
+              autocomplete="off"
+              maxlength="100"
+              placeholder=${t("placement_example")}
+              aria-describedby="placement-hint"
+            />
             <datalist id="placements">${PLACEMENTS.map((key) => html`<option value=${t(key)}></option>`)}</datalist>
+            <p class="quiet" id="placement-hint">${t("placement_hint")}</p>
           </div>
         </div>
         <button class="press" aria-describedby="press-hint" ?disabled=${this.busy || !isConnected} @click=${this.press}>

@@ -30,7 +30,10 @@ test("background pictures, a session, a press with a scanned number, and the mod
   await page.keyboard.press("Enter");
   await expect(page.getByLabel("Number of the object")).toHaveValue("1884.3");
   expect(taken(rig)).toBe(before);
-  await page.getByLabel("How it lies").fill("upside down");
+  const lies = page.getByLabel("How it lies");
+  await expect(lies).toHaveAttribute("placeholder", "such as: upside down");
+  await expect(lies).toHaveAccessibleDescription(/If you turn it between captures/);
+  await lies.fill("upside down");
   await page.getByRole("button", { name: "Press", exact: true }).click();
   await sign(page, "capturing", "hands_may_move", "safe", "green", "amber");
   await sign(page, "green", "amber");

@@ -87,6 +87,8 @@ export const de: Words = {
   object_number: "Nummer des Objekts",
   object_hint: "Eintippen oder den Strichcode lesen.",
   placement: "Lage",
+  placement_example: "zum Beispiel: kopfüber",
+  placement_hint: "Wenn Sie es zwischen Aufnahmen drehen: wie es beim nächsten Druck liegt, in beliebigen Worten. Die Aufnahme behält sie.",
   lies: "Lage: {placement}",
   placement_upright: "aufrecht",
   placement_side: "auf einer Seite",

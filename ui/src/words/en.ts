@@ -85,6 +85,8 @@ export const en = {
   object_number: "Number of the object",
   object_hint: "Type it, or scan its barcode.",
   placement: "How it lies",
+  placement_example: "such as: upside down",
+  placement_hint: "If you turn it between captures: how it lies for the next press, in any words. The capture keeps them.",
   lies: "lies {placement}",
   placement_upright: "upright",
   placement_side: "on its side",
