@@ -60,7 +60,7 @@ class NowPart extends Part {
       <ul>
         <li>${daemon.session ? t("session_open", { name: daemon.session }) : t("session_none")}</li>
         ${daemon.captures_left === null ? nothing : html`<li>${t("captures_left", { n: daemon.captures_left })}</li>`}
-        ${daemon.models ? html`<li>${backlog(daemon.models)}</li>` : nothing}
+        ${daemon.models && !isBehind(now) ? html`<li>${backlog(daemon.models)}</li>` : nothing}
         <li class=${plates === null ? "warning" : ""}>
           ${plates === null ? t("plates_none") : t("plates_age", { age: age(plates * 3_600_000) })}
         </li>
@@ -92,6 +92,12 @@ function reasons(name: string, now: Now): TemplateResult | typeof nothing {
 function hint(name: string, now: Now | null): Key {
   const makesNone = name === "safe" && now?.daemon?.models === null;
   return makesNone ? "sign_safe_only_hint" : (`sign_${name}_hint` as Key);
+}
+
+/** Whether the number of models to be made is from before the one that the sign says is being made. */
+function isBehind(now: Now): boolean {
+  const models = now.daemon?.models;
+  return now.sign === "safe" && !!models && models.waiting + models.running.length === 0;
 }
 
 export function backlog(models: { waiting: number; running: unknown[]; expected_s: number | null }): string {
