@@ -11,6 +11,9 @@ import { shown, sign } from "./signs";
 import { age, isKey, type Key, t } from "./words";
 import { isSaid, said, spoken } from "./words/said";
 
+/** Hours after which a verdict calls background pictures old, by the default of `verdict.background_age_h`: how the rig
+ * is configured, the page is not told. */
+const PLATES_LIMIT_H = 24;
 /** Signs of a model that was made: its reasons are in its report. */
 const MODELS = ["green", "amber", "red"];
 
@@ -62,7 +65,7 @@ class NowPart extends Part {
         ${daemon.captures_left === null ? nothing : html`<li>${t("captures_left", { n: daemon.captures_left })}</li>`}
         ${daemon.models && !isBehind(now) ? html`<li>${backlog(daemon.models)}</li>` : nothing}
         <li class=${plates === null ? "warning" : ""}>
-          ${plates === null ? t("plates_none") : t("plates_age", { age: age(plates * 3_600_000) })}
+          ${plates === null ? t("plates_none") : platesAge(plates)}
         </li>
         ${now.last ? html`<li>${this.last(now.last, now.sign)}</li>` : nothing}
         <li class="quiet">${t("updated", { age: age(daemon.age_ms + live.passed()) })}</li>
@@ -92,6 +95,11 @@ function reasons(name: string, now: Now): TemplateResult | typeof nothing {
 function hint(name: string, now: Now | null): Key {
   const makesNone = name === "safe" && now?.daemon?.models === null;
   return makesNone ? "sign_safe_only_hint" : (`sign_${name}_hint` as Key);
+}
+
+/** How old the background pictures are, and from when on models have that as a reason. */
+export function platesAge(hours: number): string {
+  return `${t("plates_age", { age: age(hours * 3_600_000) })} ${t("plates_limit", { n: PLATES_LIMIT_H })}`;
 }
 
 /** Whether the number of models to be made is from before the one that the sign says is being made. */

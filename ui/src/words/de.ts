@@ -78,6 +78,7 @@ export const de: Words = {
   models_waiting: "Ausstehende Modelle: {n}",
   models_done_in: "fertig in etwa {time}",
   plates_age: "Hintergrundbilder: {age} alt",
+  plates_limit: "(alt ab {n} h, wenn es nicht anders eingestellt ist; neue, sobald sich das Licht geändert hat)",
   plates_none: "Keine Hintergrundbilder: nehmen Sie sie vor dem ersten Objekt auf.",
   updated: "Stand vor {age}",
 

@@ -76,6 +76,7 @@ export const en = {
   models_waiting: "Models to be made: {n}",
   models_done_in: "done in about {time}",
   plates_age: "Background pictures: {age} old",
+  plates_limit: "(old from {n} h on, unless configured otherwise; new ones whenever the light changed)",
   plates_none: "No background pictures: take them before the first object.",
   updated: "As of {age} ago",
 
