@@ -62,6 +62,7 @@ export interface ObjectTold {
     age_ms: number;
     /** Whether a capture of the object was taken, accepted or rejected since. */
     is_old: boolean;
+    changed: Changed | null;
   } | null;
   fused: {
     capture: string;
@@ -71,7 +72,14 @@ export interface ObjectTold {
     folder: [string, string] | null;
     age_ms: number;
     is_old: boolean;
+    changed: Changed | null;
   } | null;
+}
+
+/** What became of a capture last: `taken`, `accepted`, `rejected`, or `cleared` if a decision was taken back. */
+export interface Changed {
+  capture: string;
+  what: string;
 }
 
 /** What became of the last model that was to be made again. */

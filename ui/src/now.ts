@@ -1,6 +1,7 @@
 // "Now": the one large sign, what it is about, and what an operator does.
 import { html, nothing, type TemplateResult } from "lit";
-import type { Last, Now, ObjectTold } from "./api";
+import * as api from "./api";
+import type { Changed, Last, Now, ObjectTold } from "./api";
 import type { DoPart } from "./do";
 import "./do";
 import { Part } from "./element";
@@ -138,7 +139,7 @@ function how(registered: NonNullable<ObjectTold["registered"]>): TemplateResult 
   return html`
     <p data-registered>
       ${verdict(registered.level)} <bdi>${registered.capture}</bdi>: ${general} ${spoken(registered.words)}
-      ${registered.is_old ? html`<span class="quiet">${t("object_older")}</span>` : nothing}
+      ${registered.is_old ? older(registered.changed) : nothing}
     </p>
     ${isLost
       ? html`<p class="next">${t("object_lost")}</p>`
@@ -148,6 +149,69 @@ function how(registered: NonNullable<ObjectTold["registered"]>): TemplateResult 
   `;
 }
 
+/** That something is from before the last change, and which change that was, as far as it is known. */
+function older(changed: Changed | null): TemplateResult {
+  const key = `object_older_${changed?.what ?? ""}`;
+  const words = changed && isKey(key) ? t(key, { capture: changed.capture }) : t("object_older");
+  return html`<span class="quiet">${words}</span>`;
+}
+
+/** Which captures the model of an object is made of, as its report tells. While another model is being made, what is
+ * known of this one stays. */
+class HoldsPart extends Part {
+  static properties = {
+    recording: {},
+    capture: {},
+    last: {},
+    isOld: { attribute: false },
+    found: { state: true },
+  };
+  declare recording: string;
+  declare capture: string;
+  /** The capture after which the model was made. */
+  declare last: string;
+  declare isOld: boolean;
+  declare found: string[];
+  private model = "";
+  /** Which state of the model was asked for. */
+  private asked = "";
+
+  constructor() {
+    super();
+    this.recording = "";
+    this.capture = "";
+    this.last = "";
+    this.isOld = false;
+    this.found = [];
+  }
+
+  willUpdate(): void {
+    const model = `${this.recording}/${this.capture}`;
+    if (model !== this.model) this.found = [];
+    this.model = model;
+    const wanted = this.isOld ? "" : `${model} ${this.last}`;
+    if (wanted === this.asked) return;
+    this.asked = wanted;
+    if (wanted !== "") void this.load(wanted);
+  }
+
+  private async load(wanted: string): Promise<void> {
+    let found: string[] = [];
+    try {
+      const report = (await api.report(this.recording, this.capture)) as { fusion?: { captures?: { id: string }[] } };
+      found = (report.fusion?.captures ?? []).map(({ id }) => id);
+    } catch {
+      // The link leads to the model all the same.
+    }
+    if (wanted === this.asked) this.found = found;
+  }
+
+  render(): TemplateResult | typeof nothing {
+    if (this.found.length === 0) return nothing;
+    return html`<p data-holds-captures>${t("object_holds", { captures: this.found.join(", ") })}</p>`;
+  }
+}
+
 function whole(fused: NonNullable<ObjectTold["fused"]>, isOld: boolean): TemplateResult {
   const model = fused.folder
     ? html`<a href="#/history/${fused.folder[0]}/${fused.folder[1]}">${t("object_model")}</a>`
@@ -155,8 +219,16 @@ function whole(fused: NonNullable<ObjectTold["fused"]>, isOld: boolean): Templat
   return html`
     <p data-fused>
       ${fused.level ? verdict(fused.level) : nothing} ${model}
-      ${isOld ? html`<span class="quiet">${t("object_older")}</span>` : nothing}
+      ${isOld ? older(fused.changed) : nothing}
     </p>
+    ${fused.folder
+      ? html`<scand-holds
+          .recording=${fused.folder[0]}
+          .capture=${fused.folder[1]}
+          .last=${fused.capture}
+          .isOld=${isOld}
+        ></scand-holds>`
+      : nothing}
     ${fused.folder
       ? html`<scand-reasons .recording=${fused.folder[0]} .capture=${fused.folder[1]} .texts=${fused.reasons}></scand-reasons>`
       : list(fused.reasons)}
@@ -164,4 +236,5 @@ function whole(fused: NonNullable<ObjectTold["fused"]>, isOld: boolean): Templat
   `;
 }
 
+customElements.define("scand-holds", HoldsPart);
 customElements.define("scand-now", NowPart);
