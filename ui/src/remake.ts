@@ -40,7 +40,8 @@ class RemakePart extends Part {
     if (this.waiting !== "" && this.isNoneLeft()) this.waiting = "";
   }
 
-  /** Whether the daemon told after the question that no model is to be made again any more, and what became of the last one. */
+  /** Whether the daemon told, after the model was asked for, what became of this capture's last one, and that no other is
+   * to be made again. */
   private isNoneLeft(): boolean {
     const now = live.now();
     const since = performance.now() - this.asked;
@@ -60,13 +61,12 @@ class RemakePart extends Part {
       return;
     }
     this.busy = true;
-    this.message = "";
+    [this.message, this.waiting] = ["", ""];
     try {
       const answer = await api.remake(this.capture, settings);
-      const isTaken = answer.type === "ok";
-      this.waiting = isTaken ? t("remake_waits", { words: said(answer.words ?? "") }) : "";
-      this.message = isTaken ? "" : told(answer);
       this.asked = performance.now();
+      if (answer.type === "ok") this.waiting = t("remake_waits", { words: said(answer.words ?? "") });
+      else this.message = told(answer);
     } catch (error) {
       this.message = error instanceof api.Refused ? error.words() : String(error);
     } finally {
