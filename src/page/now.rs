@@ -257,7 +257,7 @@ impl Now {
             }
             Event::Durable { capture, recording } => {
                 self.place(capture, recording);
-                self.change_object(capture, at);
+                self.change_object(capture, "taken", at);
                 self.show(capture, Sign::Safe, &[], at);
             }
             Event::Failed { capture, reason } => {
@@ -326,15 +326,15 @@ impl Now {
         if let Some(seen) = captures.find(|seen| seen.capture == capture) {
             seen.decision = decision;
         }
-        self.change_object(capture, at);
+        self.change_object(capture, decision.unwrap_or("cleared"), at);
     }
 
     /// What was told of a capture's object does not take into account what became of that capture now.
-    fn change_object(&mut self, capture: &str, at: Instant) {
+    fn change_object(&mut self, capture: &str, what: &'static str, at: Instant) {
         let mut captures = self.captures.iter().rev();
         let seen = captures.find(|seen| seen.capture == capture);
         if let Some(subject) = seen.and_then(|seen| seen.subject.as_deref()) {
-            self.objects.change(subject, at);
+            self.objects.change(subject, capture, what, at);
         }
     }
 

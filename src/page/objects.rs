@@ -18,10 +18,17 @@ pub(super) struct Objects {
     remade: Option<(Instant, Value)>,
 }
 
+/// What became of a capture of an object last, and when: `taken`, `accepted`, `rejected`, or `cleared` if a decision was
+/// taken back.
+struct Changed {
+    at: Instant,
+    capture: String,
+    what: &'static str,
+}
+
 struct Object {
     subject: String,
-    /// When a capture of it was taken, accepted or rejected last.
-    changed: Option<Instant>,
+    changed: Option<Changed>,
     registered: Option<(Instant, Value)>,
     fused: Option<(Instant, Value)>,
 }
@@ -71,11 +78,12 @@ impl Objects {
         }
     }
 
-    /// Takes in that a capture of an object was taken, accepted or rejected: what was told before is not about that.
-    pub(super) fn change(&mut self, subject: &str, at: Instant) {
+    /// Takes in what became of a capture of an object ([`Changed`]): what was told before is not about that.
+    pub(super) fn change(&mut self, subject: &str, capture: &str, what: &'static str, at: Instant) {
         let mut told = self.told.iter_mut();
         if let Some(object) = told.find(|object| object.subject == subject) {
-            object.changed = Some(at);
+            let capture = capture.to_owned();
+            object.changed = Some(Changed { at, capture, what });
         }
     }
 
@@ -103,13 +111,19 @@ impl Objects {
     }
 
     /// What is known of an object, with ages in milliseconds: `Level` as text, the model's folder as recording and
-    /// name, and whether something changed since (`is_old`).
+    /// name, whether something changed since (`is_old`), and what changed last (`changed`).
     pub(super) fn of(&self, subject: &str, at: Instant) -> Option<Value> {
         let object = self.told.iter().find(|object| object.subject == subject)?;
         let aged = |told: &Option<(Instant, Value)>| {
             told.as_ref().map(|told| {
                 let mut value = aged(told, at);
-                value["is_old"] = (object.changed > Some(told.0)).into();
+                let changed = object.changed.as_ref();
+                let changed = changed.filter(|changed| changed.at > told.0);
+                value["is_old"] = changed.is_some().into();
+                value["changed"] = changed.map_or(
+                    Value::Null,
+                    |changed| json!({ "capture": changed.capture, "what": changed.what }),
+                );
                 value
             })
         };
@@ -182,7 +196,7 @@ mod tests {
         let later = |s| at + Duration::from_secs(s);
         let mut objects = Objects::default();
         // Of an object that nothing was told of, nothing is old.
-        objects.change("7", at);
+        objects.change("7", "a-0003", "taken", at);
         assert!(objects.of("7", at).is_none());
         let registered = r#"{"type":"registered","subject":"7","capture":"a-0002","verdict":"green","words":"w",
             "left_out":[],"unseen_percent":9}"#;
@@ -195,10 +209,14 @@ mod tests {
             [&told["registered"], &told["fused"]].map(|told| told["is_old"] == true)
         };
         assert_eq!(old(&objects), [false, false]);
-        objects.change("8", later(1));
+        assert!(objects.of("7", at).unwrap()["fused"]["changed"].is_null());
+        objects.change("8", "a-0003", "taken", later(1));
         assert_eq!(old(&objects), [false, false]);
-        objects.change("7", later(1));
+        objects.change("7", "a-0002", "rejected", later(1));
         assert_eq!(old(&objects), [true, true]);
+        let told = objects.of("7", later(1)).unwrap();
+        let expected = json!({ "capture": "a-0002", "what": "rejected" });
+        assert_eq!(told["fused"]["changed"], expected);
         // After a reject the model is made again, and what is to be shown next is not told again.
         heard(&mut objects, fused, later(2));
         assert_eq!(old(&objects), [true, false]);

@@ -23,6 +23,8 @@ export interface Backlog {
   waiting: number;
   running: { capture: string; seconds: number }[];
   expected_s: number | null;
+  /** Models that are to be made again with other settings; without it of an older daemon. */
+  remakes?: number;
 }
 
 export interface Now {
@@ -60,6 +62,7 @@ export interface ObjectTold {
     age_ms: number;
     /** Whether a capture of the object was taken, accepted or rejected since. */
     is_old: boolean;
+    changed: Changed | null;
   } | null;
   fused: {
     capture: string;
@@ -69,7 +72,14 @@ export interface ObjectTold {
     folder: [string, string] | null;
     age_ms: number;
     is_old: boolean;
+    changed: Changed | null;
   } | null;
+}
+
+/** What became of a capture last: `taken`, `accepted`, `rejected`, or `cleared` if a decision was taken back. */
+export interface Changed {
+  capture: string;
+  what: string;
 }
 
 /** What became of the last model that was to be made again. */
@@ -89,6 +99,14 @@ export interface Reason {
   words: string;
 }
 
+/** What somebody said of a capture: `accept`, `reject`, `clear` or `text`, and when in nanoseconds since 1970. */
+export interface Note {
+  kind: string;
+  text: string;
+  author: string | null;
+  time_ns: string | null;
+}
+
 export interface Summary {
   capture: string;
   recording: string;
@@ -98,7 +116,7 @@ export interface Summary {
   placement: string | null;
   time_s: number | null;
   decision: string | null;
-  notes: { kind: string; text: string; author: string | null; time_ns: string | null }[];
+  notes: Note[];
   has_preview: boolean;
   has_model: boolean;
   /** Differs between one state of the model's file and another. */
@@ -214,7 +232,7 @@ function post(path: string, body: object, patience_ms = 70_000): Promise<unknown
   return call(path, { method: "POST", headers, body: JSON.stringify(body) }, patience_ms);
 }
 
-/** Who this session is; refused without one. */
+/** Who is signed in on this device; refused if nobody is. */
 export async function me(): Promise<Me> {
   const found = (await get("/api/me")) as Me;
   token = found.token;

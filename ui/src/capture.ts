@@ -3,7 +3,7 @@ import { html, nothing, type TemplateResult } from "lit";
 import { keyed } from "lit/directives/keyed.js";
 import * as api from "./api";
 import "./compare";
-import "./do";
+import { noted } from "./do";
 import { Part } from "./element";
 import { cut, date, decision, reason, title, verdict } from "./history";
 import { live } from "./live";
@@ -259,7 +259,8 @@ class CapturePart extends Part {
           <h2>${t("notes")}</h2>
           ${summary.notes.length === 0 ? html`<p>${t("no_notes")}</p>` : this.notes(summary)}
           ${this.operator && isCapture(this.capture)
-            ? html`<scand-say .capture=${this.capture}></scand-say><scand-remake .capture=${this.capture}></scand-remake>`
+            ? html`<scand-say .capture=${this.capture} .decision=${summary.decision}></scand-say>
+                <scand-remake .capture=${this.capture}></scand-remake>`
             : nothing}
           <h2>${t("downloads")}</h2>
           <ul class="files">
@@ -385,14 +386,8 @@ class CapturePart extends Part {
   }
 
   private notes(summary: api.Summary): TemplateResult {
-    const known: Record<string, string> = { accept: t("accept"), reject: t("reject"), clear: t("clear"), text: t("note") };
     return html`<ul>
-      ${summary.notes.map(
-        (note) => html`<li>
-          ${known[note.kind] ?? note.kind}${note.text ? html`: <bdi>${note.text}</bdi>` : nothing}
-          ${note.author ? html`<span class="quiet">(<bdi>${note.author}</bdi>)</span>` : nothing}
-        </li>`,
-      )}
+      ${summary.notes.map((note) => html`<li>${noted(note)}</li>`)}
     </ul>`;
   }
 

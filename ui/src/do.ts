@@ -2,9 +2,11 @@
 import { html, nothing, type TemplateResult } from "lit";
 import * as api from "./api";
 import { Part } from "./element";
+import { date } from "./history";
 import { live } from "./live";
 import { press, resume } from "./press";
-import { type Key, t } from "./words";
+import { shown } from "./signs";
+import { isKey, type Key, t } from "./words";
 import { said } from "./words/said";
 
 /** What an answer says, in the page's language. */
@@ -41,21 +43,56 @@ function author(): string {
 /** How an object often lies; any other words do as well. */
 const PLACEMENTS: Key[] = ["placement_upright", "placement_side", "placement_other_side", "placement_upside_down"];
 
-class DoPart extends Part {
-  static properties = { message: { state: true }, busy: { state: true }, pressing: { state: true }, asking: { state: true } };
+/** The button for background pictures, which asks whether the rig is empty before it takes them. */
+class PlatesPart extends Part {
+  static properties = { take: { attribute: false }, disabled: { type: Boolean }, asking: { state: true } };
+  declare take: () => void;
+  declare disabled: boolean;
+  declare asking: boolean;
+
+  constructor() {
+    super();
+    this.take = () => {};
+    this.disabled = false;
+    this.asking = false;
+  }
+
+  private readonly confirmed = () => {
+    this.asking = false;
+    this.take();
+  };
+
+  render(): TemplateResult {
+    if (this.asking) return this.confirm();
+    const ask = () => (this.asking = true);
+    return html`<button ?disabled=${this.disabled} @click=${ask}>${t("plates_ask")}</button>`;
+  }
+
+  private confirm(): TemplateResult {
+    const cancel = () => (this.asking = false);
+    return html`
+      <p>${t("plates_confirm")}</p>
+      <p class="row">
+        <button ?disabled=${this.disabled} @click=${this.confirmed}>${t("plates_yes")}</button>
+        <button @click=${cancel}>${t("cancel")}</button>
+      </p>
+    `;
+  }
+}
+
+export class DoPart extends Part {
+  static properties = { message: { state: true }, busy: { state: true }, pressing: { state: true } };
   declare message: string;
   /** Whether an answer is waited for. */
   declare busy: boolean;
   /** Whether it is that to a press. */
   declare pressing: boolean;
-  declare asking: boolean;
 
   constructor() {
     super();
     this.message = "";
     this.busy = false;
     this.pressing = false;
-    this.asking = false;
   }
 
   connectedCallback(): void {
@@ -137,8 +174,9 @@ class DoPart extends Part {
     }
   }
 
-  private readonly plates = async () => {
-    this.asking = false;
+  /** Takes background pictures of the rig, which somebody said is empty. */
+  readonly takePlates = async (): Promise<void> => {
+    if (this.busy) return;
     if (await this.during(api.plates())) this.message = t("told_plates");
   };
 
@@ -161,6 +199,7 @@ class DoPart extends Part {
     const now = live.now();
     const isConnected = now !== null && now.daemon !== null;
     const session = now?.daemon?.session ?? null;
+    const isBesideSign = shown(now) === "ready_no_plates";
     return html`
       <section class="do" aria-label=${t("press")}>
         <div class="number">
@@ -178,8 +217,16 @@ class DoPart extends Part {
           </div>
           <div>
             <label for="placement">${t("placement")}</label>
-            <input id="placement" list="placements" autocomplete="off" maxlength="100" />
+            <input
+              id="placement"
+              list="placements"
+              autocomplete="off"
+              maxlength="100"
+              placeholder=${t("placement_example")}
+              aria-describedby="placement-hint"
+            />
             <datalist id="placements">${PLACEMENTS.map((key) => html`<option value=${t(key)}></option>`)}</datalist>
+            <p class="quiet" id="placement-hint">${t("placement_hint")}</p>
           </div>
         </div>
         <button class="press" aria-describedby="press-hint" ?disabled=${this.busy || !isConnected} @click=${this.press}>
@@ -187,12 +234,9 @@ class DoPart extends Part {
         </button>
         <p class="quiet" id="press-hint">${t("press_hint")}</p>
         <p class="told" role="status">${this.message}</p>
-        ${now?.last ? html`<scand-say .capture=${now.last.capture}></scand-say>` : nothing}
+        ${now?.last ? html`<scand-say .capture=${now.last.capture} .decision=${now.last.decision ?? null}></scand-say>` : nothing}
         <div class="cards">
-          <section class="card">
-            <h2>${t("plates")}</h2>
-            ${this.asking ? this.confirm() : this.askPlates(!isConnected || this.busy)}
-          </section>
+          ${isBesideSign ? nothing : this.plates(!isConnected || this.busy)}
           <section class="card">
             <h2>${t("session")}</h2>
             ${session ? this.open(session) : this.closed(!isConnected || this.busy)}
@@ -202,19 +246,12 @@ class DoPart extends Part {
     `;
   }
 
-  private askPlates(disabled: boolean): TemplateResult {
-    const ask = () => (this.asking = true);
-    return html`<button ?disabled=${disabled} @click=${ask}>${t("plates_ask")}</button>`;
-  }
-
-  private confirm(): TemplateResult {
-    const cancel = () => (this.asking = false);
+  private plates(disabled: boolean): TemplateResult {
     return html`
-      <p>${t("plates_confirm")}</p>
-      <p class="row">
-        <button @click=${this.plates}>${t("plates_yes")}</button>
-        <button @click=${cancel}>${t("cancel")}</button>
-      </p>
+      <section class="card">
+        <h2>${t("plates")}</h2>
+        <scand-plates ?disabled=${disabled} .take=${this.takePlates}></scand-plates>
+      </section>
     `;
   }
 
@@ -248,16 +285,48 @@ class DoPart extends Part {
   }
 }
 
+/** A note that somebody made: what it decided or said, who, and when. */
+export function noted(note: api.Note): TemplateResult {
+  const known: Record<string, string> = {
+    accept: t("decision_accepted"),
+    reject: t("decision_rejected"),
+    clear: t("decision_cleared"),
+    text: t("note"),
+  };
+  const seconds = Number(note.time_ns ?? NaN) / 1e9;
+  return html`${known[note.kind] ?? note.kind}${note.text ? html`: <bdi>${note.text}</bdi>` : nothing}
+    <span class="quiet">(${note.author ? html`<bdi>${note.author}</bdi>` : t("note_no_name")})
+      ${Number.isFinite(seconds) ? date(seconds) : t("note_no_time")}</span>`;
+}
+
+/** What was said of a capture, in words, once the daemon has it. */
+function heard(kind: string, capture: string, reason: string): string {
+  const isBare = reason === "";
+  switch (kind) {
+    case "accept":
+      return isBare ? t("told_accepted", { capture }) : t("told_accepted_why", { capture, reason });
+    case "reject":
+      return t("told_rejected", { capture, reason });
+    case "clear":
+      return isBare ? t("told_cleared", { capture }) : t("told_cleared_why", { capture, reason });
+    default:
+      return t("told_noted", { capture });
+  }
+}
+
 /** What people say of a capture: accept, reject, take that back, note. */
 class SayPart extends Part {
   static properties = {
     capture: {},
+    decision: { attribute: false },
     pinned: { state: true },
     author: { state: true },
     message: { state: true },
     busy: { state: true },
   };
   declare capture: string;
+  /** What holds of the capture: `accepted` or `rejected`; null if neither is known. */
+  declare decision: string | null;
   /** The capture that somebody began to write about; a press meanwhile does not put another one in its place. */
   declare pinned: string;
   /** Who says it, once somebody typed a name. */
@@ -268,6 +337,7 @@ class SayPart extends Part {
   constructor() {
     super();
     this.capture = "";
+    this.decision = null;
     this.pinned = "";
     this.author = null;
     this.message = "";
@@ -299,7 +369,9 @@ class SayPart extends Part {
     const capture = this.about();
     const field = this.field();
     const text = field?.value.trim() ?? "";
-    if (kind === "text" && text === "") {
+    // A note without words says nothing, and whoever finds a rejected capture later needs to know why.
+    if (["text", "reject"].includes(kind) && text === "") {
+      this.message = t(kind === "reject" ? "reject_needs_reason" : "note_needs_words", { capture });
       field?.focus();
       return;
     }
@@ -308,7 +380,7 @@ class SayPart extends Part {
       const answer = await api.note(capture, kind, text, this.author ?? author());
       if (answer.type === "ok" && field) field.value = "";
       if (answer.type === "ok") this.pinned = "";
-      this.message = answer.type === "ok" ? t("told_noted", { capture }) : told(answer);
+      this.message = answer.type === "ok" ? heard(kind, capture, text) : told(answer);
     } catch (error) {
       this.message = error instanceof api.Refused ? error.words() : String(error);
     } finally {
@@ -318,25 +390,36 @@ class SayPart extends Part {
   }
 
   render(): TemplateResult {
-    const kinds: [string, string][] = [
-      ["accept", t("accept")],
-      ["reject", t("reject")],
-      ["clear", t("clear")],
-      ["text", t("note")],
-    ];
     const isEarlier = this.about() !== this.capture;
+    // Of an earlier capture it is not told here.
+    const decision = isEarlier ? null : this.decision;
+    const back = `clear_${decision ?? ""}`;
+    const kinds: [string, string, boolean][] = [
+      ["accept", t("accept"), decision === "accepted"],
+      ["reject", t("reject"), decision === "rejected"],
+      ["clear", t(isKey(back) ? back : "clear"), false],
+      ["text", t("note"), false],
+    ];
+    const now = `say_${decision ?? ""}`;
     return html`
       <fieldset class="say">
         <legend>${t("verdict_of", { capture: this.about() })}</legend>
         ${isEarlier ? html`<p class="warning">${t("say_earlier", { capture: this.about(), last: this.capture })}</p>` : nothing}
+        ${isKey(now) ? html`<p data-holds>${t(now)}</p>` : nothing}
         <label for="note-text">${t("note_text")}</label>
         <input id="note-text" maxlength="500" autocomplete="off" ?readonly=${this.busy} @input=${this.typed} />
         <label for="note-author">${t("note_author")}</label>
         <input id="note-author" maxlength="100" autocomplete="name" .value=${this.author ?? author()} @input=${this.named} />
         <p class="row">
           ${kinds.map(
-            ([kind, words]) =>
-              html`<button type="button" data-say=${kind} ?disabled=${this.busy} @click=${() => this.say(kind)}>
+            ([kind, words, isNow]) =>
+              html`<button
+                type="button"
+                data-say=${kind}
+                aria-pressed=${isNow ? "true" : nothing}
+                ?disabled=${this.busy}
+                @click=${() => this.say(kind)}
+              >
                 ${words}
               </button>`,
           )}
@@ -347,5 +430,6 @@ class SayPart extends Part {
   }
 }
 
+customElements.define("scand-plates", PlatesPart);
 customElements.define("scand-do", DoPart);
 customElements.define("scand-say", SayPart);

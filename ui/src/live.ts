@@ -17,7 +17,7 @@ export class Live extends EventTarget {
   private source: EventSource | null = null;
   private opened = 0;
 
-  /** Listens; again with a stream of its own for a session that begins later. */
+  /** Listens; again with a stream of its own for who signs in later. */
   start(): void {
     const isFirst = this.source === null;
     this.open();

@@ -1,12 +1,15 @@
 // "Look": what the cameras see while the rig is set up. Pictures are asked for only while this part is shown. When nothing
-// was heard for ten seconds, none is shown; one that is older than five has a warning.
+// was heard for ten seconds, none is shown; one that is older than the cameras' turns explain has a warning.
 import { html, nothing, svg, type SVGTemplateResult, type TemplateResult } from "lit";
 import * as api from "./api";
 import { Part } from "./element";
 import { age, type Key, t } from "./words";
 import { said } from "./words/said";
 
+/** From when on a picture is old, however few cameras there are. */
 const OLD_MS = 5_000;
+/** Longest time that one camera's turn takes while all is well: a whole picture of a camera on a slow link. */
+const TURN_MS = 1_500;
 const GONE_MS = 10_000;
 const AGAIN_MS = 1_000;
 /** Clipped pixels in a million from which they are worth a warning. */
@@ -89,6 +92,16 @@ class LookPart extends Part {
     this.shown.delete(camera);
   }
 
+  /** A picture that was made large stands where the person looks. */
+  updated(changed: Map<string, unknown>): void {
+    if (changed.has("large") && this.large !== "") this.querySelector(".look.large")?.scrollIntoView({ block: "start" });
+  }
+
+  /** From when on a picture is older than the turns of so many cameras make it. */
+  private oldMs(): number {
+    return Math.max(OLD_MS, this.shown.size * TURN_MS);
+  }
+
   private forget(): void {
     for (const camera of [...this.shown.keys()]) this.drop(camera);
   }
@@ -127,7 +140,7 @@ class LookPart extends Part {
                 ${overlay(look.seen)}
               </div>
               <ul class="facts-of">${this.facts(camera, look.seen, passed)}</ul>
-              <p class=${passed > OLD_MS ? "warning" : "quiet"}>${t("look_age", { age: seconds(passed) })}</p>
+              <p class=${passed > this.oldMs() ? "warning" : "quiet"}>${t("look_age", { age: seconds(passed) })}</p>
               <button aria-pressed=${isLarge} @click=${turn}>${t("look_large")}</button>
             `
           : html`<p class="warning">${t("look_none", { reason: said(look.words ?? "") })}</p>`}

@@ -1,4 +1,4 @@
-// The page: takes the link's token for a session, and shows one of its parts by what is behind `#` in the address.
+// The page: signs in by the link's token, and shows one of its parts by what is behind `#` in the address.
 import { html, LitElement, nothing, type TemplateResult } from "lit";
 import * as api from "./api";
 import "./capture";
@@ -6,6 +6,7 @@ import "./history";
 import { live } from "./live";
 import "./look";
 import "./now";
+import { shown } from "./signs";
 import { isOn, play, turn, wake } from "./sound";
 import "./state";
 import "./style.css";
@@ -28,9 +29,9 @@ class Page extends LitElement {
   declare route: string[];
   declare refusal: string;
   declare isLoading: boolean;
-  /** Whether it is not known if there is a session, because the page's process does not answer. */
+  /** Whether it is not known if this device is signed in, because the page's process does not answer. */
   declare isAway: boolean;
-  /** Whether there was a session, and it is over. */
+  /** Whether this device was signed in, and is no more. */
   declare isOver: boolean;
   private sign = "";
   /** What a tone was last due for; null before anything was heard. */
@@ -54,7 +55,7 @@ class Page extends LitElement {
     super.connectedCallback();
     addEventListener("hashchange", () => void this.arrive());
     live.addEventListener("change", () => this.heard());
-    // Either the connection is gone, or the session.
+    // Either the connection is gone, or this device is signed out.
     live.addEventListener("lost", () => void this.enter());
     for (const event of ["pointerdown", "keydown"]) addEventListener(event, wake);
     setInterval(() => void this.look(), LOOK_MS);
@@ -63,7 +64,7 @@ class Page extends LitElement {
 
   private async begin(): Promise<void> {
     await this.arrive();
-    // A link's token began a session already, or began none.
+    // A link's token signed this device in already, or did not.
     if (this.isLoading) await this.enter();
     this.isLoading = false;
   }
@@ -81,7 +82,7 @@ class Page extends LitElement {
     this.refusal = "";
     try {
       await api.pair(token);
-      // What the page shows from then on belongs to the new session, which may have another role.
+      // What the page shows from then on belongs to the one who signed in now, who may have another role.
       this.me = null;
       this.isLoading = true;
     } catch (error) {
@@ -110,7 +111,7 @@ class Page extends LitElement {
     }
   }
 
-  /** Without the stream: either the connection is gone, or the session. */
+  /** Without the stream: either the connection is gone, or this device is signed out. */
   private async look(): Promise<void> {
     if (live.now() === null || !this.me) await this.enter();
   }
@@ -119,8 +120,9 @@ class Page extends LitElement {
     const now = live.now();
     const sign = now?.sign ?? "unknown";
     this.sound(sign, now?.capture ?? "");
-    if (sign === this.sign) return;
-    this.sign = sign;
+    const look = shown(now);
+    if (look === this.sign) return;
+    this.sign = look;
     this.entitle();
   }
 
@@ -213,7 +215,7 @@ class Page extends LitElement {
     return html`<scand-now ?operator=${operator}></scand-now>`;
   }
 
-  /** Whether there is a session is not known: the page asks again by itself. */
+  /** Whether this device is signed in is not known: the page asks again by itself. */
   private away(): TemplateResult {
     return html`
       <h1>${t("sign_unknown")}</h1>

@@ -1,15 +1,20 @@
 // "Now": the one large sign, what it is about, and what an operator does.
 import { html, nothing, type TemplateResult } from "lit";
-import type { Last, Now, ObjectTold } from "./api";
+import * as api from "./api";
+import type { Changed, Last, Now, ObjectTold } from "./api";
+import type { DoPart } from "./do";
 import "./do";
 import { Part } from "./element";
 import { decision, verdict } from "./history";
 import { live } from "./live";
 import { list } from "./reasons";
-import { sign } from "./signs";
+import { shown, sign } from "./signs";
 import { age, isKey, type Key, t } from "./words";
 import { isSaid, said, spoken } from "./words/said";
 
+/** Hours after which a verdict calls background pictures old, by the default of `verdict.background_age_h`: how the rig
+ * is configured, the page is not told. */
+const PLATES_LIMIT_H = 24;
 /** Signs of a model that was made: its reasons are in its report. */
 const MODELS = ["green", "amber", "red"];
 
@@ -29,21 +34,27 @@ class NowPart extends Part {
 
   private sign(now: Now | null): TemplateResult {
     const name = now?.sign ?? "unknown";
+    const look = shown(now);
     const since = now && now.age_ms !== null ? now.age_ms + live.passed() : null;
     const about = [now?.capture ?? "", since === null ? "" : age(since)].filter((text) => text !== "");
     // The form and the words are told as one; a screen reader says them when they change.
     return html`
-      <section class="now sign-${name}" data-sign=${name}>
-        ${sign(name)}
+      <section class="now sign-${look}" data-sign=${name}>
+        ${sign(look)}
         <div>
-          <h1><span role="status" aria-live="assertive">${t(`sign_${name}` as Key)}</span></h1>
-          <p class="hint">${t(hint(name, now))}</p>
+          <h1><span role="status" aria-live="assertive">${t(`sign_${look}` as Key)}</span></h1>
+          <p class="hint">${t(hint(look, now))}</p>
+          ${this.operator && look === "ready_no_plates" ? html`<scand-plates .take=${this.takePlates}></scand-plates>` : nothing}
           ${now ? reasons(name, now) : nothing}
           <p class="about">${about.join(" · ")}</p>
         </div>
       </section>
     `;
   }
+
+  private readonly takePlates = () => {
+    void this.querySelector<DoPart>("scand-do")?.takePlates();
+  };
 
   private facts(now: Now): TemplateResult {
     const daemon = now.daemon;
@@ -53,9 +64,9 @@ class NowPart extends Part {
       <ul>
         <li>${daemon.session ? t("session_open", { name: daemon.session }) : t("session_none")}</li>
         ${daemon.captures_left === null ? nothing : html`<li>${t("captures_left", { n: daemon.captures_left })}</li>`}
-        ${daemon.models ? html`<li>${backlog(daemon.models)}</li>` : nothing}
+        ${daemon.models && !isBehind(now) ? html`<li>${backlog(daemon.models)}</li>` : nothing}
         <li class=${plates === null ? "warning" : ""}>
-          ${plates === null ? t("plates_none") : t("plates_age", { age: age(plates * 3_600_000) })}
+          ${plates === null ? t("plates_none") : platesAge(plates)}
         </li>
         ${now.last ? html`<li>${this.last(now.last, now.sign)}</li>` : nothing}
         <li class="quiet">${t("updated", { age: age(daemon.age_ms + live.passed()) })}</li>
@@ -83,9 +94,19 @@ function reasons(name: string, now: Now): TemplateResult | typeof nothing {
 }
 
 function hint(name: string, now: Now | null): Key {
-  if (name === "ready" && now?.daemon?.plates_age_h === null) return "sign_ready_no_plates_hint";
   const makesNone = name === "safe" && now?.daemon?.models === null;
   return makesNone ? "sign_safe_only_hint" : (`sign_${name}_hint` as Key);
+}
+
+/** How old the background pictures are, and from when on models have that as a reason. */
+export function platesAge(hours: number): string {
+  return `${t("plates_age", { age: age(hours * 3_600_000) })} ${t("plates_limit", { n: PLATES_LIMIT_H })}`;
+}
+
+/** Whether the number of models to be made is from before the one that the sign says is being made. */
+function isBehind(now: Now): boolean {
+  const models = now.daemon?.models;
+  return now.sign === "safe" && !!models && models.waiting + models.running.length === 0;
 }
 
 export function backlog(models: { waiting: number; running: unknown[]; expected_s: number | null }): string {
@@ -118,7 +139,7 @@ function how(registered: NonNullable<ObjectTold["registered"]>): TemplateResult 
   return html`
     <p data-registered>
       ${verdict(registered.level)} <bdi>${registered.capture}</bdi>: ${general} ${spoken(registered.words)}
-      ${registered.is_old ? html`<span class="quiet">${t("object_older")}</span>` : nothing}
+      ${registered.is_old ? older(registered.changed) : nothing}
     </p>
     ${isLost
       ? html`<p class="next">${t("object_lost")}</p>`
@@ -128,6 +149,69 @@ function how(registered: NonNullable<ObjectTold["registered"]>): TemplateResult 
   `;
 }
 
+/** That something is from before the last change, and which change that was, as far as it is known. */
+function older(changed: Changed | null): TemplateResult {
+  const key = `object_older_${changed?.what ?? ""}`;
+  const words = changed && isKey(key) ? t(key, { capture: changed.capture }) : t("object_older");
+  return html`<span class="quiet">${words}</span>`;
+}
+
+/** Which captures the model of an object is made of, as its report tells. While another model is being made, what is
+ * known of this one stays. */
+class HoldsPart extends Part {
+  static properties = {
+    recording: {},
+    capture: {},
+    last: {},
+    isOld: { attribute: false },
+    found: { state: true },
+  };
+  declare recording: string;
+  declare capture: string;
+  /** The capture after which the model was made. */
+  declare last: string;
+  declare isOld: boolean;
+  declare found: string[];
+  private model = "";
+  /** Which state of the model was asked for. */
+  private asked = "";
+
+  constructor() {
+    super();
+    this.recording = "";
+    this.capture = "";
+    this.last = "";
+    this.isOld = false;
+    this.found = [];
+  }
+
+  willUpdate(): void {
+    const model = `${this.recording}/${this.capture}`;
+    if (model !== this.model) this.found = [];
+    this.model = model;
+    const wanted = this.isOld ? "" : `${model} ${this.last}`;
+    if (wanted === this.asked) return;
+    this.asked = wanted;
+    if (wanted !== "") void this.load(wanted);
+  }
+
+  private async load(wanted: string): Promise<void> {
+    let found: string[] = [];
+    try {
+      const report = (await api.report(this.recording, this.capture)) as { fusion?: { captures?: { id: string }[] } };
+      found = (report.fusion?.captures ?? []).map(({ id }) => id);
+    } catch {
+      // The link leads to the model all the same.
+    }
+    if (wanted === this.asked) this.found = found;
+  }
+
+  render(): TemplateResult | typeof nothing {
+    if (this.found.length === 0) return nothing;
+    return html`<p data-holds-captures>${t("object_holds", { captures: this.found.join(", ") })}</p>`;
+  }
+}
+
 function whole(fused: NonNullable<ObjectTold["fused"]>, isOld: boolean): TemplateResult {
   const model = fused.folder
     ? html`<a href="#/history/${fused.folder[0]}/${fused.folder[1]}">${t("object_model")}</a>`
@@ -135,8 +219,16 @@ function whole(fused: NonNullable<ObjectTold["fused"]>, isOld: boolean): Templat
   return html`
     <p data-fused>
       ${fused.level ? verdict(fused.level) : nothing} ${model}
-      ${isOld ? html`<span class="quiet">${t("object_older")}</span>` : nothing}
+      ${isOld ? older(fused.changed) : nothing}
     </p>
+    ${fused.folder
+      ? html`<scand-holds
+          .recording=${fused.folder[0]}
+          .capture=${fused.folder[1]}
+          .last=${fused.capture}
+          .isOld=${isOld}
+        ></scand-holds>`
+      : nothing}
     ${fused.folder
       ? html`<scand-reasons .recording=${fused.folder[0]} .capture=${fused.folder[1]} .texts=${fused.reasons}></scand-reasons>`
       : list(fused.reasons)}
@@ -144,4 +236,5 @@ function whole(fused: NonNullable<ObjectTold["fused"]>, isOld: boolean): Templat
   `;
 }
 
+customElements.define("scand-holds", HoldsPart);
 customElements.define("scand-now", NowPart);

@@ -8,25 +8,46 @@ import { live } from "./live";
 import { type Key, t } from "./words";
 import { said } from "./words/said";
 
-/** The fields of the form: the setting of each, its range, and what it is without a choice. */
-const NUMBERS: [string, Key, number, number, number][] = [
-  ["hull.resolution", "remake_resolution", 40, 400, 1],
-  ["silhouette.significance", "remake_significance", 1, 20, 0.5],
-  ["silhouette.darkest_shadow", "remake_shadow", 0, 0.5, 0.01],
-  ["silhouette.smallest_hole_px", "remake_hole", 0, 10_000, 1],
+/** The fields of the form: the setting of each, its words and what these mean, its least and largest value and the step
+ * between two, and its default: how the rig is configured, the page is not told. */
+const NUMBERS: [string, Key, Key, number, number, number, number][] = [
+  ["hull.resolution", "remake_resolution", "remake_resolution_hint", 40, 400, 1, 200],
+  ["silhouette.significance", "remake_significance", "remake_significance_hint", 1, 20, 0.5, 4],
+  ["silhouette.darkest_shadow", "remake_shadow", "remake_shadow_hint", 0, 0.5, 0.01, 0.12],
+  ["silhouette.smallest_hole_px", "remake_hole", "remake_hole_hint", 0, 10_000, 1, 40],
 ];
 
 class RemakePart extends Part {
-  static properties = { capture: {}, message: { state: true }, busy: { state: true } };
+  static properties = { capture: {}, message: { state: true }, waiting: { state: true }, busy: { state: true } };
   declare capture: string;
   declare message: string;
+  /** What the daemon said of a model that is to be made, until none is to be made any more. */
+  declare waiting: string;
   declare busy: boolean;
+  /** When the model was asked for, by the monotonic clock of this browser. */
+  private asked = 0;
 
   constructor() {
     super();
     this.capture = "";
     this.message = "";
+    this.waiting = "";
     this.busy = false;
+  }
+
+  willUpdate(changed: Map<string, unknown>): void {
+    if (changed.has("capture")) [this.message, this.waiting] = ["", ""];
+    if (this.waiting !== "" && this.isNoneLeft()) this.waiting = "";
+  }
+
+  /** Whether the daemon told, after the model was asked for, what became of this capture's last one, and that no other is
+   * to be made again. */
+  private isNoneLeft(): boolean {
+    const now = live.now();
+    const since = performance.now() - this.asked;
+    const isTold = (age_ms: number) => age_ms + live.passed() < since;
+    if (!now?.daemon || !now.remade || now.remade.capture !== this.capture) return false;
+    return now.daemon.models?.remakes === 0 && isTold(now.daemon.age_ms) && isTold(now.remade.age_ms);
   }
 
   private readonly send = async (event: SubmitEvent) => {
@@ -40,9 +61,12 @@ class RemakePart extends Part {
       return;
     }
     this.busy = true;
-    this.message = "";
+    [this.message, this.waiting] = ["", ""];
     try {
-      this.message = told(await api.remake(this.capture, settings));
+      const answer = await api.remake(this.capture, settings);
+      this.asked = performance.now();
+      if (answer.type === "ok") this.waiting = t("remake_waits", { words: said(answer.words ?? "") });
+      else this.message = told(answer);
     } catch (error) {
       this.message = error instanceof api.Refused ? error.words() : String(error);
     } finally {
@@ -58,19 +82,31 @@ class RemakePart extends Part {
         <form class="remake" @submit=${this.send}>
           <p class="quiet">${t("remake_hint")}</p>
           ${NUMBERS.map(
-            ([name, words, low, high, step]) => html`
+            ([name, words, hint, low, high, step, usual]) => html`
               <label for=${name}>${t(words)} (${low} – ${high})</label>
-              <input id=${name} name=${name} type="number" min=${low} max=${high} step=${step} inputmode="decimal" />
+              <input
+                id=${name}
+                name=${name}
+                type="number"
+                min=${low}
+                max=${high}
+                step=${step}
+                inputmode="decimal"
+                placeholder=${t("remake_usual", { value: usual })}
+                aria-describedby="${name}-hint"
+              />
+              <p class="quiet" id="${name}-hint">${t(hint)}</p>
             `,
           )}
           <label for="hull.fairing">${t("remake_fairing")}</label>
-          <select id="hull.fairing" name="hull.fairing">
+          <select id="hull.fairing" name="hull.fairing" aria-describedby="hull.fairing-hint">
             <option value="">${t("remake_as_is")}</option>
             <option value="touch">${t("remake_touch")}</option>
             <option value="none">${t("remake_none")}</option>
           </select>
+          <p class="quiet" id="hull.fairing-hint">${t("remake_fairing_hint")}</p>
           <button ?disabled=${this.busy}>${t("remake_begin")}</button>
-          <p class="told" role="status">${this.message}</p>
+          <p class="told" role="status">${this.message || this.waiting}</p>
         </form>
       </details>
       ${remade && remade.capture === this.capture ? this.made(remade) : nothing}

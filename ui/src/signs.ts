@@ -1,5 +1,6 @@
 // Signs: each has a form of its own, so that neither colour nor language is needed to tell one from another.
 import { type SVGTemplateResult, svg, html, type TemplateResult } from "lit";
+import type { Now } from "./api";
 
 const circle = svg`<circle cx="12" cy="12" r="10"/>`;
 const tick = svg`<path d="M7 12.5l3.5 3.5L17 8.5"/>`;
@@ -12,6 +13,7 @@ const forms: Record<string, SVGTemplateResult> = {
   disk_full: svg`<ellipse cx="12" cy="6" rx="8" ry="3"/><path d="M4 6v12c0 4 16 4 16 0V6M12 11v4M12 18v.01"/>`,
   busy: svg`<path d="M6 3h12M6 21h12M7 3c0 5 3.500 7 5 9-1.500 2-5 4-5 9M17 3c0 5-3.500 7-5 9 1.500 2 5 4 5 9"/>`,
   ready: svg`${circle}<path d="M10 7.500v9l7-4.500z"/>`,
+  ready_no_plates: svg`<path d="M3 5h18v14H3zM3 19L21 5M8.500 11v.01M15.500 14v.01"/>`,
   ready_without: svg`${circle}<path d="M8 8v8l6-4zM17 8v4.500M17 16v.01"/>`,
   capturing: svg`<path d="M8 21l-4-7 1.500-1 2.500 2V6.500a1.500 1.500 0 0 1 3 0V4.500a1.500 1.500 0 0 1 3 0v2a1.500 1.500 0 0 1 3 0V9a1.500 1.500 0 0 1 3 0v7l-2 5z"/>`,
   hands_may_move: svg`<path d="M2 12h20M6 8l-4 4 4 4M18 8l4 4-4 4"/>`,
@@ -25,6 +27,12 @@ const forms: Record<string, SVGTemplateResult> = {
   outcome_unknown: svg`${circle}<path d="M9 9.5a3 3 0 1 1 4.5 2.6c-1 .6-1.5 1-1.5 2.4M12 17.5v.01"/>`,
   unread: svg`<path d="M5 2h10l4 4v16H5zM9 12h6M9 16h6"/>`,
 };
+
+/** What is shown as the sign: where only background pictures are missing, not the one that says that all is well. */
+export function shown(now: Now | null): string {
+  const name = now?.sign ?? "unknown";
+  return name === "ready" && now?.daemon?.plates_age_h === null ? "ready_no_plates" : name;
+}
 
 export function sign(name: string): TemplateResult {
   const form = forms[name] ?? forms.unknown;

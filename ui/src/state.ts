@@ -2,7 +2,7 @@
 import { html, nothing, type TemplateResult } from "lit";
 import * as api from "./api";
 import { Part } from "./element";
-import { backlog } from "./now";
+import { backlog, platesAge } from "./now";
 import { age, type Key, t } from "./words";
 import { named, said, spoken } from "./words/said";
 
@@ -98,7 +98,7 @@ class StatePart extends Part {
         <section class="card"><h2>${t("models")}</h2><p>${status.models ? backlog(status.models) : t("models_off")}</p></section>
         <section class="card">
           <h2>${t("plates")}</h2>
-          <p>${plates === null ? t("plates_none") : t("plates_age", { age: age(plates * 3_600_000) })}</p>
+          <p>${plates === null ? t("plates_none") : platesAge(plates)}</p>
         </section>
         <section class="card"><h2>${t("calibration")}</h2><p>${calibration(status)}</p></section>
       </div>

@@ -1,7 +1,7 @@
-// Who may see and do what: links, sessions and their end, a viewer, TLS, and the headers of every answer.
+// Who may see and do what: links, signing in and out, a viewer, TLS, and the headers of every answer.
 import { enter, expect, inGerman, sign, test, watch } from "./fixtures.mjs";
 
-test("a link begins one session, its token leaves the address, and without a session nothing is shown", async ({ page, rig, browser, expected }) => {
+test("a link signs one device in, its token leaves the address, and who is not signed in sees nothing", async ({ page, rig, browser, expected }) => {
   expected.push("401", "403");
   await page.goto(`http://127.0.0.1:${rig.port}/`);
   await expect(page.locator("pre")).toHaveText("scand page pair");
@@ -49,17 +49,17 @@ test("a viewer sees everything and has nothing to press", async ({ page, rig, ex
   expect(refused).toBe(403);
 });
 
-test("a session that is ended on the page is over, and a reload brings nothing back", async ({ page, rig, expected }) => {
+test("who signs out on the page is out, and a reload brings nothing back", async ({ page, rig, expected }) => {
   expected.push("401");
   await enter(page, rig, "viewer");
-  await page.getByRole("button", { name: "End this session" }).click();
+  await page.getByRole("button", { name: "Sign out" }).click();
   await expect(page.locator("pre")).toHaveText("scand page pair");
   await page.reload();
   await expect(page.locator("pre")).toHaveText("scand page pair");
   await expect(page.locator("nav")).toHaveCount(0);
 });
 
-test("a session that is revoked by its name is over on its own page alone, and a new link begins one there", async ({ page, rig, browser, expected }) => {
+test("a device that is signed out by its name is out alone, and a new link signs it in again", async ({ page, rig, browser, expected }) => {
   expected.push("401");
   const listed = () => {
     const lines = rig.scand("page", "sessions", "--config", "page.toml").trim().split("\n");
@@ -76,10 +76,10 @@ test("a session that is revoked by its name is over on its own page alone, and a
   expect(rig.scand("page", "revoke", own, "--config", "page.toml")).toContain("1 session ended");
   // Within four seconds, by docs/page.md; a machine that is busy may take longer.
   await expect(page.getByRole("heading", { name: "Who are you?" })).toBeVisible({ timeout: 15_000 });
-  await expect(page.getByRole("alert")).toContainText("This session is over");
+  await expect(page.getByRole("alert")).toContainText("You are signed out");
   await expect(page.locator(".cameras .card")).toHaveCount(0);
   await expect(page.locator("nav")).toHaveCount(0);
-  await inGerman(page, () => expect(page.getByRole("alert")).toContainText("Diese Sitzung ist zu Ende")); // German
+  await inGerman(page, () => expect(page.getByRole("alert")).toContainText("Sie sind abgemeldet")); // German
   await sign(other, "ready", "green", "amber", "red");
   await page.goto(rig.link("viewer"));
   await sign(page, "ready", "green", "amber", "red");

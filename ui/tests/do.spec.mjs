@@ -30,7 +30,10 @@ test("background pictures, a session, a press with a scanned number, and the mod
   await page.keyboard.press("Enter");
   await expect(page.getByLabel("Number of the object")).toHaveValue("1884.3");
   expect(taken(rig)).toBe(before);
-  await page.getByLabel("How it lies").fill("upside down");
+  const lies = page.getByLabel("How it lies");
+  await expect(lies).toHaveAttribute("placeholder", "such as: upside down");
+  await expect(lies).toHaveAccessibleDescription(/If you turn it between captures/);
+  await lies.fill("upside down");
   await page.getByRole("button", { name: "Press", exact: true }).click();
   await sign(page, "capturing", "hands_may_move", "safe", "green", "amber");
   await sign(page, "green", "amber");
@@ -190,8 +193,10 @@ test("a session is closed, and its capture is accepted and noted about afterward
   await page.goto(`http://127.0.0.1:${rig.port}/#/history/${recording}/${capture}`);
   await page.locator("[data-say=accept]").click();
   await expect(page.locator("p.row > .decision")).toHaveText("accepted");
+  await expect(page.locator(".say .told")).toHaveText(`Capture ${capture} is accepted.`);
   await page.getByLabel("Why, or a note").fill("The handle is glued.");
   await page.locator("[data-say=text]").click();
+  await expect(page.locator(".say .told")).toHaveText(`The note on capture ${capture} is stored.`);
   await expect(page.locator("main")).toContainText("Note: The handle is glued.");
   expect(readdirSync(rig.path("recordings"))).toContain(`${recording}.notes.jsonl`);
 });

@@ -1,4 +1,4 @@
-// Requests that mean no good, names that are full of markup, and where the secrets of a session are not.
+// Requests that mean no good, names that are full of markup, and where the secrets of who is signed in are not.
 import { randomBytes } from "node:crypto";
 import { readFileSync, readdirSync } from "node:fs";
 import { createConnection } from "node:net";
@@ -18,13 +18,20 @@ test("names, numbers and notes full of markup are text", async ({ page, rig, exp
   await sign(page, "green", "amber");
   await page.getByLabel("Why, or a note").fill(MARKUP);
   await page.locator("[data-say=reject]").click();
-  await expect(page.locator(".say .told")).toContainText("is stored");
+  await expect(page.locator(".say .told")).toContainText(`is rejected: ${MARKUP}`);
   await expect(page.locator(".facts .decision")).toHaveText("rejected");
   await page.locator(".facts a").click();
   await expect(page.locator(".decision")).toHaveText("rejected");
   await expect(page.locator("main")).toContainText(MARKUP);
+  // What holds is marked, what is taken back has a name, and a note without a name says so.
+  await expect(page.locator("[data-say=reject]")).toHaveAttribute("aria-pressed", "true");
+  await expect(page.locator("[data-say=accept]")).not.toHaveAttribute("aria-pressed");
+  await expect(page.locator("[data-holds]")).toHaveText("It is rejected now.");
+  await expect(page.locator("main")).toContainText(/\(no name given\)[^(]*\d{4}/);
+  await expect(page.locator("[data-say=clear]")).toHaveText("Take “rejected” back");
   await page.locator("[data-say=clear]").click();
   await expect(page.locator(".decision")).toHaveCount(0);
+  await expect(page.locator("[data-say=clear]")).toHaveText("Take the decision back");
   await page.getByRole("link", { name: "History" }).click();
   await expect(page.locator(".strip")).toContainText(MARKUP);
   await expect(page.locator(".strip li")).not.toHaveCount(0);
@@ -92,7 +99,7 @@ test("hostile requests by the thousand press nothing, and the page's memory stay
   expect(health.status).toBe(200);
 });
 
-test("a session that is revoked is over at once, its page says so, and its secrets are nowhere", async ({ page, rig, expected }) => {
+test("a device that is signed out is out at once, its page says so, and its secrets are nowhere", async ({ page, rig, expected }) => {
   expected.push("401");
   await rig.prepare();
   const link = rig.link();
@@ -111,7 +118,7 @@ test("a session that is revoked is over at once, its page says so, and its secre
   }
   rig.scand("page", "revoke", "--all", "--config", "page.toml");
   await expect(page.locator("pre")).toHaveText("scand page pair", { timeout: 20_000 });
-  await expect(page.getByRole("alert")).toHaveText("This session is over: it was ended, or its time is up.");
+  await expect(page.getByRole("alert")).toHaveText("You are signed out: somebody signed this device out, or its time is up.");
   const kept = readFileSync(rig.path("page-state/sessions.json"), "utf8");
   expect(kept.trim()).toBe("[]");
 });

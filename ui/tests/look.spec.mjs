@@ -20,8 +20,11 @@ test("a look shows every camera with its outline, is not recorded, and ends by i
   const source = () => cards.first().locator("img").getAttribute("src");
   const first = await source();
   await expect.poll(source).not.toBe(first);
-  await cards.first().getByRole("button", { name: "Large" }).click();
-  await expect(cards.first().getByRole("button", { name: "Large" })).toHaveAttribute("aria-pressed", "true");
+  // The last one is below the others; made large, all of its picture is on the screen.
+  const last = cards.last();
+  await last.getByRole("button", { name: "Large" }).click();
+  await expect(last.getByRole("button", { name: "Large" })).toHaveAttribute("aria-pressed", "true");
+  await expect(last.locator(".picture")).toBeInViewport({ ratio: 0.99 });
   await shot(page, "look");
   // A press comes between the pictures.
   const pressed = JSON.parse(rig.scand("trigger", "--socket", "scand.sock", "--until", "captured", "--json").trim().split("\n").pop());
@@ -81,6 +84,25 @@ test("a look ends with the daemon, and goes on with a full disk, the depth camer
     Object.assign(rig.options, { keepFree: undefined, depth: undefined });
     await rig.startDaemon();
   }
+});
+
+test("a picture is old only if it is older than the cameras' turns make it", async ({ page, rig }) => {
+  await enter(page, rig, "viewer");
+  const seen = { width: 320, height: 240, scale: 8 };
+  const picture = await page.evaluate(() => document.createElement("canvas").toDataURL("image/jpeg").split(",")[1]);
+  const look = (age_ms) => ({ age_ms, picture, seen, words: null });
+  const eleven = (age_ms) => Object.fromEntries(Array.from({ length: 11 }, (_, n) => [`c${n}`, look(age_ms)]));
+  let cameras = eleven(7600);
+  let number = 0;
+  await page.route(/\/api\/look\?/, async (route) => {
+    await new Promise((done) => setTimeout(done, 300));
+    await route.fulfill({ json: { number: ++number, problem: null, cameras, good: {} } }).catch(() => {});
+  });
+  await page.getByRole("link", { name: "Look" }).click();
+  await expect(page.locator(".look p.quiet")).toHaveCount(11);
+  await expect(page.locator(".look p.warning")).toHaveCount(0);
+  cameras = eleven(20_000);
+  await expect(page.locator(".look p.warning")).toHaveCount(11);
 });
 
 test("a look tells what is wrong with a picture, how old it is, and why there is none", async ({ page, rig }) => {

@@ -20,13 +20,13 @@ test("each sign has a form and a word of its own, and says what to do, in each l
     };
   });
   await enter(page, rig, "viewer");
-  const tell = (sign) =>
-    page.evaluate((sign) => {
-      const daemon = { age_ms: 5, session: null, captures_left: 40, models: null, plates_age_h: 1 };
+  const tell = (sign, models = null) =>
+    page.evaluate(([sign, models]) => {
+      const daemon = { age_ms: 5, session: null, captures_left: 40, models, plates_age_h: 1 };
       const rest = { recording: null, age_ms: 5, last: null, object: null, remade: null, history: 1 };
       const now = { sign, capture: "a-0001", reasons: ["c00: opening"], daemon, ...rest };
       window.events.dispatchEvent(new MessageEvent("now", { data: JSON.stringify(now) }));
-    }, sign);
+    }, [sign, models]);
   const differ = async () => {
     const [forms, words] = [new Set(), new Set()];
     for (const name of SIGNS) {
@@ -42,6 +42,15 @@ test("each sign has a form and a word of its own, and says what to do, in each l
   await inGerman(page, differ);
   await tell("busy");
   await expect(page.locator(".now h1")).toHaveText("Please wait");
+  // Of a daemon that told before the press, no number stands beside "The model is being made".
+  const idle = { waiting: 0, running: [], expected_s: null };
+  await tell("ready", idle);
+  await expect(page.locator(".facts")).toContainText("Models to be made: 0");
+  await tell("safe", idle);
+  await expect(page.locator(".now .hint")).toHaveText("The model is being made.");
+  await expect(page.locator(".facts")).not.toContainText("Models to be made");
+  await tell("safe", { ...idle, waiting: 1 });
+  await expect(page.locator(".facts")).toContainText("Models to be made: 1");
   await tell("hands_may_move");
   await expect(page.locator(".now h1")).toHaveText("Hands may move");
 });
@@ -145,6 +154,15 @@ test("without background pictures the page says so before a press, and afterward
     await rig.startDaemon();
     await sign(page, "ready");
     await expect(page.locator(".now .hint")).toContainText("first take background pictures");
+    // It is not the green sign, and what to do is in view beside it.
+    await expect(page.locator(".now h1")).toHaveText("No background pictures");
+    await expect(page.locator(".now")).toHaveCSS("background-color", "rgb(255, 191, 46)");
+    const ask = page.getByRole("button", { name: "Take background pictures" });
+    await expect(ask).toHaveCount(1);
+    await expect(page.locator(".now").getByRole("button", { name: "Take background pictures" })).toBeInViewport();
+    await ask.click();
+    await expect(page.locator(".now")).toContainText("Is the rig empty?");
+    await page.getByRole("button", { name: "Cancel" }).click();
     await page.getByRole("button", { name: "Press", exact: true }).click();
     await sign(page, "model_failed");
     await expect(page.locator(".now h1")).toHaveText("No model");

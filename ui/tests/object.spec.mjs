@@ -33,20 +33,23 @@ test("of several captures of an object the page tells how they lie, and makes th
   expect(await fusedCaptures(page, rig)).toEqual([first, second]);
   await shot(page, "several");
   // A third capture is not in the model yet, and the page says so until it is.
-  const isOld = /without what was taken/;
+  const isOld = /from before/;
+  const holds = object.locator("[data-holds-captures]");
+  await expect(holds).toHaveText(`Made of the captures ${first}, ${second}.`);
   await expect(fused).not.toContainText(isOld);
   const third = await pressFor(page, rig, number);
-  await expect(fused).toContainText(isOld);
+  await expect(fused).toContainText(`from before capture ${third} was taken`);
   await expect(registered).toContainText(third, slow);
   await expect.poll(() => fusedCaptures(page, rig), slow).toEqual([first, second, third]);
   await expect(fused).not.toContainText(isOld, slow);
   // A rejected capture is left out, and what was told of how it lies is marked.
   await page.getByLabel("Why, or a note").fill("it rolled");
   await page.locator("[data-say=reject]").click();
-  await expect(page.locator(".say .told")).toContainText("is stored");
-  await expect(registered).toContainText(isOld);
+  await expect(page.locator(".say .told")).toHaveText(`Capture ${third} is rejected: it rolled`);
+  await expect(registered).toContainText(`from before capture ${third} was rejected`);
   await expect.poll(() => fusedCaptures(page, rig), slow).toEqual([first, second]);
   await expect(fused).not.toContainText(isOld, slow);
+  await expect(holds).toHaveText(`Made of the captures ${first}, ${second}.`);
   await expect(registered).toContainText(isOld);
   // The viewer shows the model anew when the reject is taken back.
   await fused.getByRole("link").click();

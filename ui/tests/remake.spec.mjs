@@ -14,9 +14,11 @@ test("a model is made again with other settings, beside the first", async ({ pag
   await expect(page.locator(".remake .told")).toContainText("at least one setting");
   await page.getByLabel("Cells along the object").fill("60");
   await page.getByRole("button", { name: "Make it again", exact: true }).click();
-  await expect(page.locator(".remake .told")).toContainText("is made again");
+  await expect(page.locator(".remake .told")).toHaveText(/^Waiting: the model of .* is made again/);
   const link = page.locator("[data-remade] a");
   await expect(link).toHaveText(`${name}.remake-1`, { timeout: 60_000 });
+  // It does not wait any more.
+  await expect(page.locator(".remake .told")).toHaveText("");
   await link.click();
   await expect(page.locator("canvas[data-loaded]")).toBeVisible();
   await expect(page.locator("scand-say")).toHaveCount(0);
@@ -65,7 +67,7 @@ test("no more than ten remakes wait, and an eleventh is refused in words", async
     const answered = page.waitForResponse("**/api/remake");
     await page.getByRole("button", { name: "Make it again", exact: true }).click();
     await answered;
-    await expect(told).toHaveText(/^(Refused|Done): /);
+    await expect(told).toHaveText(/^(Refused|Waiting): /);
     asked.push(await told.textContent());
   }
   expect(asked.at(-1)).toBe("Refused: 10 remakes wait already: try again when one is done");

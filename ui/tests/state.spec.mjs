@@ -14,7 +14,7 @@ test("the state tells each camera's settings as read back, the disk, the models 
   const main = page.locator("main");
   await expect(main).toContainText(/Room for \d+ captures/);
   await expect(main).toContainText(/Models to be made: \d+/);
-  await expect(main).toContainText(/Background pictures: \d+ (s|min) old/);
+  await expect(main).toContainText(/Background pictures: \d+ (s|min) old \(old from 24 h on, unless configured otherwise/);
 });
 
 test("what to do is what is wrong now, as `scand check` judges it, in the page's language", async ({ page, rig }) => {

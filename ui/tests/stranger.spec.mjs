@@ -28,9 +28,13 @@ test("a stranger who has only the page takes background pictures, scans an objec
     await expect(last).toContainText(/Model (green|amber)/, slow);
   }
   const [first, second] = scans;
+  // Without a reason nothing is rejected, and the page says what it waits for.
+  await click("Reject");
+  await expect(page.getByText(`Capture ${second} is not rejected yet: type the reason`)).toBeVisible();
+  await expect(page.getByText("rejected", { exact: true })).toHaveCount(0);
   await page.getByLabel("Why, or a note").fill("My hand was in it.");
   await click("Reject");
-  await expect(page.getByText(`The note on ${second} is stored.`)).toBeVisible();
+  await expect(page.getByText(`Capture ${second} is rejected: My hand was in it.`)).toBeVisible();
   // In the history the card that has the number, a good verdict and no "rejected" is the one.
   await page.getByRole("link", { name: "History" }).click();
   const cards = page.getByRole("main").getByRole("link").filter({ hasText: number });
