@@ -14,6 +14,9 @@ const TEXTURE: f32 = 0.05;
 /// How much darker or brighter than a sample the object is beside it, as a share, one standard deviation: a surface
 /// that turns away towards its outline, or down into its own shadow, keeps its hue but not its brightness.
 const SHADING: f32 = 0.2;
+/// How much darker than beside it the backdrop is, as a share, one standard deviation: where the object touches it, its
+/// shadow deepens within a few pixels.
+const DEEPENING: f32 = 0.05;
 
 /// What is beside a cell.
 struct CellNeighbors {
@@ -144,11 +147,10 @@ fn beside(
 #[inline]
 fn preference(colors: &Colors, beside: &CellNeighbors, x: usize, y: usize) -> f32 {
     let (light, expected) = (colors.light(x, y), colors.expected(x, y));
-    let mut to_backdrop = 0.0;
+    let backdrop = three(|c| expected[c] * beside.shade[c]);
+    let to_backdrop = to_backdrop(light, backdrop, beside.backdrop_weight);
     let (mut square, mut product) = ([0.0f32; SAMPLES], [0.0f32; SAMPLES]);
     for c in 0..3 {
-        let off = light[c] - expected[c] * beside.shade[c];
-        to_backdrop += beside.backdrop_weight[c] * off * off;
         for i in 0..SAMPLES {
             let weighted = beside.weight[c][i] * light[c];
             square[i] += weighted * light[c];
@@ -162,6 +164,22 @@ fn preference(colors: &Colors, beside: &CellNeighbors, x: usize, y: usize) -> f3
     // Where no cell shows the object alone (it is thin), whatever differs clearly is object.
     let to_object = (0..beside.objects).map(distance).reduce(f32::min);
     to_backdrop - to_object.unwrap_or(16.0)
+}
+
+/// Squared distance of a pixel's light from the backdrop's, in standard deviations: the least of
+/// |light - s backdrop|² + ((s - 1) / DEEPENING)² over all s of at most 1.
+#[inline]
+fn to_backdrop(light: [f32; 3], backdrop: [f32; 3], weight: [f32; 3]) -> f32 {
+    let known = 1.0 / (DEEPENING * DEEPENING);
+    let (mut product, mut square) = (known, known);
+    for c in 0..3 {
+        let weighted = weight[c] * backdrop[c];
+        product += weighted * light[c];
+        square += weighted * backdrop[c];
+    }
+    let share = (product / square).min(1.0);
+    let off = |c: usize| weight[c] * (light[c] - share * backdrop[c]).powi(2);
+    off(0) + off(1) + off(2) + known * (share - 1.0).powi(2)
 }
 
 /// Lets single pixels follow the majority of the nine around them.
