@@ -27,7 +27,7 @@ page-demo: ui ## a simulated rig, the daemon and the operator's page on this mac
 
 page-test: ui ## try the page with Debian's Chromium, the daemon and a simulated rig (N=3 repeats; SCAND=PROGRAM needs no build)
 	$(if $(SCAND),,$(CARGO) build --locked --package scand --features rig,page)
-	cd ui && SCAND=$(or $(SCAND),target/debug/scand) N=$(or $(N),1) npx playwright test
+	cd ui && CARGO="$(CARGO)" SCAND=$(or $(SCAND),target/debug/scand) N=$(or $(N),1) npx playwright test
 
 page-bench: ui ## how much later captures are taken because of the page, and what it needs (PRESSES=200, MINUTES=10; SCAND=PROGRAM)
 	$(if $(SCAND),,$(CARGO) build --release --locked --package scand --features aravis,page)

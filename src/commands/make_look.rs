@@ -83,7 +83,12 @@ fn made(mut input: impl BufRead) -> anyhow::Result<Vec<u8>> {
             }
             None => None,
         };
-        color(&picture, cutting(&head, background)?)
+        let cutting = cutting(&head, background)?;
+        match head.joined {
+            1 => color(&picture, cutting),
+            2 => binned(&picture, 2, cutting),
+            joined => anyhow::bail!("{joined} pixels are joined, expected 1 or 2"),
+        }
     };
     let mut output = serde_json::to_vec(&seen)?;
     output.push(b'\n');
@@ -101,6 +106,27 @@ fn color(picture: &RgbImage, cutting: Result<Segmentation, String>) -> (LookFigu
         clipped_ppm: Some(look.clipped_ppm),
         clipped: look.clipped,
         sharpness_percent: look.sharpness_percent,
+        outline,
+        touches: touches.into_iter().map(Into::into).collect(),
+        no_outline,
+        ..of_size(&look.picture, look.scale)
+    };
+    (seen, look.picture)
+}
+
+/// What a picture shows for which the camera joined pixels: neither clipped ones nor sharpness as a capture has them.
+fn binned(
+    picture: &RgbImage,
+    joined: usize,
+    cutting: Result<Segmentation, String>,
+) -> (LookFigures, RgbImage) {
+    let look = look::binned(picture, joined, cutting.as_ref().map_err(Clone::clone));
+    let (outline, touches, no_outline) = match look.outline {
+        Ok(outline) => (Some(outline.polygons), outline.touches, None),
+        Err(words) => (None, Vec::new(), Some(words)),
+    };
+    let seen = LookFigures {
+        is_binned: true,
         outline,
         touches: touches.into_iter().map(Into::into).collect(),
         no_outline,
@@ -198,6 +224,7 @@ mod tests {
         Head {
             camera: "c00".into(),
             depth,
+            joined: 1,
             frame: Pixels {
                 width: 64,
                 height: 48,
@@ -233,6 +260,19 @@ mod tests {
     }
 
     #[test]
+    fn a_binned_frame_shows_neither_clipped_pixels_nor_sharpness() {
+        let bright = vec![255; 64 * 48];
+        let head = Head {
+            joined: 2,
+            ..head(false, "bayer_rggb8", 64, 64 * 48)
+        };
+        let (seen, size) = seen_of(&made(&input(&head, &bright)[..]).unwrap());
+        assert_eq!((size, seen.scale, seen.is_binned), ((64, 48), 2, true));
+        assert_eq!((seen.clipped_ppm, seen.sharpness_percent), (None, None));
+        assert!(seen.clipped.is_empty() && seen.no_outline.is_some());
+    }
+
+    #[test]
     fn what_is_no_frame_is_refused() {
         for (head, pixels) in [
             (head(false, "bayer_rggb8", 64, 64 * 48), &[0; 10][..]),
@@ -240,6 +280,13 @@ mod tests {
             (head(false, "jpeg", 0, 10), &[0xff; 10][..]),
             (head(true, "mono8", 64, 10), &[0; 10][..]),
             (head(false, "mono8", 64, u64::MAX), &[][..]),
+            (
+                Head {
+                    joined: 3,
+                    ..head(false, "mono8", 64, 64 * 48)
+                },
+                &[0; 64 * 48][..],
+            ),
         ] {
             assert!(made(&input(&head, pixels)[..]).is_err(), "{head:?}");
         }

@@ -102,7 +102,20 @@ fn check(section: &str, key: &str, shipped: f64, [default, least, most]: [f64; 3
     }
     for beyond in [least - 1.0, most + 1.0] {
         assert!(!is_read(section, key, beyond), "{name}={beyond} is read");
+        if let Some(words) = refused_in_a_file(section, key, beyond) {
+            let is_named = words.contains(key) && words.contains("expected");
+            assert!(is_named, "{name}={beyond}: {words}");
+        }
     }
+}
+
+/// Why a file with a value is refused; `None` where it is read, and only what comes after refuses the value.
+fn refused_in_a_file(section: &str, key: &str, value: f64) -> Option<String> {
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join("scand.toml");
+    std::fs::write(&file, format!("[{section}]\n{key} = {value}\n")).unwrap();
+    let refused = Config::load(Some(&file), &[]).err();
+    refused.map(|error| error.to_string())
 }
 
 /// The numbers of a section and their values.
@@ -127,6 +140,8 @@ fn a_number_says_its_default_and_its_range_as_they_are_read() {
                 panic!("{section}.{key}: {comment:?}, expected \"Default N, range N to N.\"")
             });
             check(section, key, value, found);
+            let refused = refused_in_a_file(section, key, found[2] + 1.0);
+            assert!(refused.is_some(), "{section}.{key}");
             let of_source = line_above(parameters, &format!("pub {key}: "));
             assert_eq!(said(of_source), Some(found), "{section}.{key}: {of_source}");
         }

@@ -38,7 +38,7 @@ pub enum Role {
 /// A session as it is kept.
 #[derive(Clone, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 #[serde(deny_unknown_fields)]
-struct StoredSessions {
+struct StoredSession {
     hash: Hash,
     role: Role,
     begun_s: u64,
@@ -86,7 +86,7 @@ pub(super) struct Sessions {
 
 #[derive(Default)]
 struct State {
-    sessions: Vec<StoredSessions>,
+    sessions: Vec<StoredSession>,
     pairings: BTreeMap<Hash, (Role, Instant)>,
     /// When a wrong token came, and from where.
     wrong: VecDeque<(Instant, IpAddr)>,
@@ -177,7 +177,7 @@ impl Sessions {
             return Err(Error::TooManySessions);
         }
         let secret = new_secret().map_err(Error::Random)?;
-        sessions.push(StoredSessions {
+        sessions.push(StoredSession {
             hash: Hash::of(&secret),
             role,
             begun_s: now,
@@ -193,7 +193,7 @@ impl Sessions {
         let (hash, now) = (Hash::of(secret), now_s());
         let state = self.state.lock();
         // A clock that was set back makes no session longer than it was given.
-        let lasts = |kept: &&StoredSessions| {
+        let lasts = |kept: &&StoredSession| {
             kept.hash == hash && kept.begun_s <= now + 300 && now < kept.ends_s
         };
         state.sessions.iter().find(lasts).map(|kept| kept.role)
@@ -213,7 +213,7 @@ impl Sessions {
     fn end(
         &self,
         state: &mut State,
-        is_meant: impl Fn(&StoredSessions) -> bool,
+        is_meant: impl Fn(&StoredSession) -> bool,
     ) -> Result<usize, Error> {
         let mut stays = state.sessions.clone();
         stays.retain(|kept| !is_meant(kept));
@@ -254,13 +254,13 @@ impl Sessions {
         }
     }
 
-    fn write(&self, sessions: &[StoredSessions]) -> Result<(), Error> {
+    fn write(&self, sessions: &[StoredSession]) -> Result<(), Error> {
         let text = serde_json::to_string_pretty(sessions).unwrap_or_default();
         Ok(write_atomically_for_owner(&self.path, text.as_bytes())?)
     }
 }
 
-fn read(path: &Path) -> Result<Vec<StoredSessions>, Error> {
+fn read(path: &Path) -> Result<Vec<StoredSession>, Error> {
     let wrong = |cause: String| Error::Read {
         path: path.into(),
         cause,
@@ -360,7 +360,7 @@ mod tests {
         let sessions = open(folder.path());
         let token = sessions.pair(Role::Viewer).unwrap();
         let kept = vec![
-            StoredSessions {
+            StoredSession {
                 hash: Hash::of("another"),
                 role: Role::Viewer,
                 begun_s: now_s(),

@@ -162,6 +162,7 @@ fn shorten(text: &mut String) {
 #[cfg(test)]
 mod tests {
     use serde_json::Value;
+    use std::io::{Error, ErrorKind};
 
     #[test]
     fn the_catalogue_has_a_sentence_for_every_reason_in_each_language() {
@@ -188,7 +189,7 @@ mod tests {
     }
 
     /// The sources that say what the catalogue knows word for word.
-    const SOURCES: [&str; 41] = [
+    const SOURCES: [&str; 50] = [
         include_str!("../commands/live/models.rs"),
         include_str!("../commands/make_look.rs"),
         include_str!("../daemon/capturing/assemble.rs"),
@@ -197,13 +198,18 @@ mod tests {
         include_str!("../daemon/capturing/capture_thread/looking.rs"),
         include_str!("../daemon/capturing/capture_thread/sessions.rs"),
         include_str!("../daemon/capturing/mod.rs"),
+        include_str!("../daemon/look/maker.rs"),
+        include_str!("../daemon/look/measured.rs"),
         include_str!("../daemon/notes.rs"),
+        include_str!("../daemon/presses/mod.rs"),
         include_str!("../daemon/recorder.rs"),
         include_str!("../daemon/rig.rs"),
         include_str!("../daemon/rig/looking.rs"),
         include_str!("../daemon/status.rs"),
+        include_str!("../drivers/aravis/binning.rs"),
         include_str!("../drivers/aravis/camera.rs"),
         include_str!("../drivers/aravis/find.rs"),
+        include_str!("../drivers/aravis/look.rs"),
         include_str!("../drivers/aravis/precision_time.rs"),
         include_str!("../drivers/aravis/shoot.rs"),
         include_str!("../drivers/aravis/stream.rs"),
@@ -214,6 +220,7 @@ mod tests {
         include_str!("../drivers/v4l2/camera.rs"),
         include_str!("../drivers/v4l2/settings.rs"),
         include_str!("../workers/outcome.rs"),
+        include_str!("../workers/remake_pool.rs"),
         include_str!("../workers/remakes.rs"),
         include_str!("daemon.rs"),
         include_str!("http/guard.rs"),
@@ -224,24 +231,61 @@ mod tests {
         include_str!("../../crates/core/src/look/mod.rs"),
         include_str!("../../crates/core/src/make_model/object/part.rs"),
         include_str!("../../crates/core/src/reconstruct/silhouette/mod.rs"),
+        include_str!("../../crates/core/src/recording/error.rs"),
         include_str!("../../crates/core/src/report/verdict/capture.rs"),
         include_str!("../../crates/core/src/report/verdict/depth.rs"),
         include_str!("../../crates/core/src/report/verdict/mod.rs"),
         include_str!("../../crates/core/src/report/verdict/model.rs"),
         include_str!("../../crates/core/src/report/verdict/silhouettes.rs"),
+        include_str!("../../crates/core/src/storage/files.rs"),
+        include_str!("../../crates/core/src/storage/mod.rs"),
         include_str!("../../crates/core/src/sync/mod.rs"),
     ];
     const ENGLISH: &str = include_str!("../../ui/src/words/en.ts");
     const GERMAN: &str = include_str!("../../ui/src/words/de.ts");
 
-    /// Keys and words of what the page recognizes: sentences, and parts of them.
-    fn recognized(catalogue: &'static str) -> Vec<(&'static str, &'static str)> {
+    /// Keys and words of a catalogue whose keys begin so.
+    fn entries(catalogue: &'static str, beginnings: &[&str]) -> Vec<(&'static str, &'static str)> {
         let entries = catalogue.lines().filter_map(|line| {
             let (key, rest) = line.trim().split_once(": \"")?;
-            let is_one = key.starts_with("said_") || key.starts_with("part_");
+            let is_one = beginnings.iter().any(|begin| key.starts_with(begin));
             is_one.then_some((key, rest.strip_suffix("\",")?))
         });
         entries.collect()
+    }
+
+    /// What the page recognizes: sentences, and parts of them.
+    fn recognized(catalogue: &'static str) -> Vec<(&'static str, &'static str)> {
+        entries(catalogue, &["said_", "part_"])
+    }
+
+    #[test]
+    fn the_page_recognizes_what_the_operating_system_says() {
+        let known = entries(ENGLISH, &["os_"]);
+        assert!(known.len() > 20, "{}", known.len());
+        for (key, words) in known {
+            let number = key.strip_prefix("os_").unwrap().parse().unwrap();
+            assert_eq!(words, Error::from_raw_os_error(number).to_string());
+        }
+        let kinds = [
+            ("kind_not_found", ErrorKind::NotFound),
+            ("kind_permission_denied", ErrorKind::PermissionDenied),
+            ("kind_connection_refused", ErrorKind::ConnectionRefused),
+            ("kind_connection_reset", ErrorKind::ConnectionReset),
+            ("kind_broken_pipe", ErrorKind::BrokenPipe),
+            ("kind_timed_out", ErrorKind::TimedOut),
+            ("kind_unexpected_eof", ErrorKind::UnexpectedEof),
+            ("kind_storage_full", ErrorKind::StorageFull),
+            ("kind_out_of_memory", ErrorKind::OutOfMemory),
+        ];
+        let known = entries(ENGLISH, &["kind_"]);
+        assert_eq!(known.len(), kinds.len());
+        for ((key, words), (expected, kind)) in known.into_iter().zip(kinds) {
+            assert_eq!(
+                (key, words),
+                (expected, Error::from(kind).to_string().as_str())
+            );
+        }
     }
 
     #[test]

@@ -15,6 +15,16 @@ pub struct LookFigures {
     pub height: u32,
     /// Pixels of the camera's own picture on a side of one of these.
     pub scale: u32,
+    /// Whether the camera joined pixels for this picture.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub is_binned: bool,
+    /// Where the camera joined pixels: how many milliseconds before this picture the whole one was exposed that
+    /// `clipped_ppm` and `sharpness_percent` are of. Without it they are not known.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub measured_before_ms: Option<u64>,
+    /// Why the camera does not join pixels although it was to.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub why_whole: Option<String>,
     /// How many of a million of the camera's own pixels are clipped.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub clipped_ppm: Option<u32>,

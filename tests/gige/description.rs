@@ -16,6 +16,12 @@ pub const ACTION_GROUP_MASK: u32 = 0x205c;
 pub const TRANSMISSION_DELAY: u32 = 0x2060;
 pub const TEMPERATURE: u32 = 0x2070;
 
+/// While this is 1, a camera of [`write_binning`] acknowledges what is written to `BinningHorizontal`, and takes 2.
+pub const STUCK: u32 = 0x2100;
+pub const WIDTH: u32 = 0x100;
+pub const HEIGHT: u32 = 0x104;
+pub const BINNING: [u32; 2] = [0x108, 0x10c];
+
 /// Entries of `PtpStatus`.
 pub const LISTENING: u32 = 1;
 pub const SLAVE: u32 = 3;
@@ -32,6 +38,47 @@ pub fn write(folder: &std::path::Path) -> PathBuf {
     let path = folder.join("camera.xml");
     std::fs::write(&path, own.replace(end, &format!("{}{end}", added()))).unwrap();
     path
+}
+
+/// Writes the simulator's own description with binning that does not take what is written while the stream runs, as
+/// that of real cameras, which lock it then.
+pub fn write_binning(folder: &std::path::Path) -> PathBuf {
+    let (own, _) = FakeCamera::new("any").genicam_xml();
+    let own = own.to_string();
+    let replaced = |text: String, from: &str, to: &str| {
+        assert_eq!(text.matches(from).count(), 1, "{from}");
+        text.replace(from, to)
+    };
+    let axes = ["BinningHorizontal", "BinningVertical"];
+    let text = axes.into_iter().fold(own, |text, name| {
+        let from = format!("<pValue>{name}Register</pValue>");
+        replaced(text, &from, &format!("<pValue>{name}Lock</pValue>"))
+    });
+    let place = text.find("<Address>0x124</Address>").unwrap();
+    let (before, after) = text.split_at(place);
+    let text = format!("{before}{}", after.replacen("WO", "RW", 1));
+    let locks: String = axes.into_iter().map(lock).collect();
+    let stuck = integer("Stuck", STUCK, "RW", "Unsigned");
+    let end = "</RegisterDescription>";
+    let text = replaced(text, end, &format!("{locks}{stuck}{end}"));
+    let path = folder.join("binning.xml");
+    std::fs::write(&path, text).unwrap();
+    path
+}
+
+/// What becomes of a value that is written to a camera's binning.
+fn lock(name: &str) -> String {
+    let taken = match name {
+        "BinningHorizontal" => "((STUCK = 1) ? 2 : FROM)",
+        _ => "FROM",
+    };
+    format!(
+        "<IntConverter Name=\"{name}Lock\"><pVariable Name=\"STUCK\">Stuck</pVariable>\
+         <pVariable Name=\"RUNS\">AcquisitionCommandRegister</pVariable>\
+         <pVariable Name=\"OLD\">{name}Register</pVariable>\
+         <FormulaTo>(RUNS = 1) ? OLD : {taken}</FormulaTo><FormulaFrom>TO</FormulaFrom>\
+         <pValue>{name}Register</pValue></IntConverter>"
+    )
 }
 
 fn added() -> String {

@@ -4,6 +4,7 @@
 #![allow(clippy::disallowed_methods, reason = "a test's channel ends with it")]
 
 mod action;
+mod binned;
 mod description;
 mod faults;
 mod features;

@@ -186,6 +186,12 @@ mod long {
                     let is_hull =
                         |p: &Provenance| matches!(p, Provenance::Hull | Provenance::Table);
                     assert!(found.model.provenance.iter().all(is_hull), "{what}");
+                    let faired = found
+                        .fairing
+                        .as_ref()
+                        .and_then(|faired| faired.as_ref().ok());
+                    let held = faired.and_then(|facts| facts.held_by_depth_area);
+                    assert!(held.is_none_or(|area| area == 0.0), "{what}: {held:?}");
                 }
             }
         }
@@ -208,6 +214,50 @@ mod long {
                 );
             }
         }
+    }
+
+    /// Lets a depth camera read all that is higher than 20 mm within 18 mm of the middle by 6 mm too near.
+    fn read_too_near(view: &mut DepthView) {
+        let camera = view.camera.clone();
+        for frame in &mut view.frames {
+            let readings = &frame.readings;
+            frame.readings = Grid::from_fn(readings.width(), readings.height(), |x, y| {
+                let reading = readings[(x, y)];
+                let depth = camera.response.depth(reading);
+                let pixel = nalgebra::Point2::new(x as f64, y as f64);
+                let point = depth.and_then(|depth| camera.point(pixel, depth));
+                let is_top = point.is_some_and(|p| p.z > 0.02 && p.x.hypot(p.y) < 0.018);
+                if is_top { reading - 6 } else { reading }
+            });
+        }
+    }
+
+    #[test]
+    fn where_depth_reads_the_object_in_front_of_the_faired_hull_the_hull_stays() {
+        // No outline shows that a box's top is flat: over it the plain hull is a roof, some millimetres high.
+        let scene = simulation(Shape::Box, |o| o.masks = true).scene(0);
+        let mut altered = scene.clone();
+        read_too_near(&mut altered.depths[0]);
+        let held = |found: &Reconstruction| match &found.fairing {
+            Some(Ok(facts)) => facts.held_by_depth_area,
+            other => panic!("{other:?}"),
+        };
+        let height = |found: &Reconstruction| {
+            let vertices = found.model.mesh.vertices.iter();
+            let middle = vertices.filter(|v| v.x.hypot(v.y) < 5e-3);
+            middle.map(|v| v.z).fold(0.0, f32::max)
+        };
+        let as_it_is = run(&scene, Method::Hybrid);
+        assert_eq!(held(&as_it_is), Some(0.0));
+        let found = run(&altered, Method::Hybrid);
+        let area = held(&found).unwrap();
+        assert!((1e-4..3e-3).contains(&area), "{area}");
+        let heights = [height(&as_it_is), height(&found)];
+        assert!(heights[1] > heights[0] + 2e-3, "{heights:?}");
+        // What is made of outlines alone stays as it is.
+        let hull = run(&altered, Method::Hull);
+        assert_eq!(held(&hull), None);
+        assert!(hull.model.mesh == as_it_is.model.mesh);
     }
 
     #[test]

@@ -126,6 +126,10 @@ export interface Seen {
   width: number;
   height: number;
   scale: number;
+  /** Whether the camera joined pixels; then `clipped_ppm` and `sharpness_percent` are of the whole picture before it. */
+  is_binned?: boolean;
+  measured_before_ms?: number;
+  why_whole?: string;
   clipped_ppm?: number;
   clipped?: Polygon[];
   sharpness_percent?: number;

@@ -9,7 +9,7 @@ import { cut, date, decision, reason, title, verdict } from "./history";
 import { live } from "./live";
 import "./photographs";
 import "./remake";
-import { type Key, t } from "./words";
+import { isKey, type Key, t } from "./words";
 import type { Mode, Viewer } from "./viewer";
 
 const MODES: Mode[] = ["textured", "shaded", "provenance", "error"];
@@ -31,6 +31,12 @@ function isCapture(name: string): boolean {
 /** The capture of which a model was made; null for a model of several captures. */
 function captureOf(name: string): string | null {
   return name.endsWith(".object") ? null : name.replace(/\.remake-\d+$/, "");
+}
+
+/** Where a part of a surface is from, in words; as the report has it, if another version of scand wrote that. */
+function from(provenance: string): string {
+  const key = `from_${provenance}`;
+  return isKey(key) ? t(key) : provenance;
 }
 
 class CapturePart extends Part {
@@ -303,7 +309,7 @@ class CapturePart extends Part {
 
   private provenanceWords(value: number): string {
     const names = ["hull", "carved", "restored", "bridged", "unseen", "table"];
-    return t(`from_${names[value] ?? "hull"}` as Key);
+    return from(names[value] ?? String(value));
   }
 
   private reasons(summary: api.Summary): TemplateResult {
@@ -332,7 +338,6 @@ class CapturePart extends Part {
   }
 
   private shares(provenance: NonNullable<Model["provenance"]>): TemplateResult {
-    const known = (name: string) => t(`from_${name}` as Key);
     return html`<table>
       <thead>
         <tr>
@@ -344,7 +349,7 @@ class CapturePart extends Part {
       <tbody>
         ${provenance.filter((part) => part.share > 0).map(
           (part) => html`<tr>
-            <th scope="row">${known(part.provenance)}</th>
+            <th scope="row">${from(part.provenance)}</th>
             <td>${(part.share * 100).toFixed(0)} %</td>
             <td>${(part.mean_expected_error * 1000).toFixed(2)} mm</td>
           </tr>`,

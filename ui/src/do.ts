@@ -42,15 +42,19 @@ function author(): string {
 const PLACEMENTS: Key[] = ["placement_upright", "placement_side", "placement_other_side", "placement_upside_down"];
 
 class DoPart extends Part {
-  static properties = { message: { state: true }, busy: { state: true }, asking: { state: true } };
+  static properties = { message: { state: true }, busy: { state: true }, pressing: { state: true }, asking: { state: true } };
   declare message: string;
+  /** Whether an answer is waited for. */
   declare busy: boolean;
+  /** Whether it is that to a press. */
+  declare pressing: boolean;
   declare asking: boolean;
 
   constructor() {
     super();
     this.message = "";
     this.busy = false;
+    this.pressing = false;
     this.asking = false;
   }
 
@@ -70,10 +74,11 @@ class DoPart extends Part {
     this.number()?.focus({ preventScroll: true });
   }
 
-  /** A scanner types wherever the focus is: what nothing else takes goes into the field of the number. */
+  /** A scanner types wherever the focus is, such as on the button that was tapped last: what no other field takes goes
+   * into that of the number. */
   private readonly toNumber = (event: KeyboardEvent) => {
     const isText = event.key.length === 1 && event.key !== " " && !event.ctrlKey && !event.altKey && !event.metaKey;
-    if (!isText || document.activeElement !== document.body) return;
+    if (!isText || document.activeElement?.matches("input, select, textarea")) return;
     const field = this.number();
     field?.focus();
     field?.select();
@@ -87,8 +92,9 @@ class DoPart extends Part {
     return this.querySelector<HTMLInputElement>(`#${id}`)?.value.trim() ?? "";
   }
 
-  /** The number is confirmed: the next one replaces it. */
-  private readonly entered = (event: SubmitEvent) => {
+  /** Enter confirms the number: the next one that is scanned or typed replaces it. */
+  private readonly entered = (event: KeyboardEvent) => {
+    if (event.key !== "Enter") return;
     event.preventDefault();
     this.number()?.select();
   };
@@ -101,10 +107,12 @@ class DoPart extends Part {
   };
 
   private async pressed(answer: Promise<api.Answer>): Promise<void> {
+    this.pressing = true;
     const isTaken = await this.during(answer, (error) => {
       const isUnsure = error instanceof api.Refused && error.code === "network";
       return isUnsure ? t("told_unsure") : null;
     });
+    this.pressing = false;
     // The next one may lie otherwise.
     const placement = this.querySelector<HTMLInputElement>("#placement");
     if (isTaken && placement) placement.value = "";
@@ -155,10 +163,17 @@ class DoPart extends Part {
     const session = now?.daemon?.session ?? null;
     return html`
       <section class="do" aria-label=${t("press")}>
-        <form class="number" @submit=${this.entered}>
+        <div class="number">
           <div>
             <label for="number">${t("object_number")}</label>
-            <input id="number" autocomplete="off" spellcheck="false" maxlength="100" aria-describedby="number-hint" />
+            <input
+              id="number"
+              autocomplete="off"
+              spellcheck="false"
+              maxlength="100"
+              aria-describedby="number-hint"
+              @keydown=${this.entered}
+            />
             <p class="quiet" id="number-hint">${t("object_hint")}</p>
           </div>
           <div>
@@ -166,9 +181,9 @@ class DoPart extends Part {
             <input id="placement" list="placements" autocomplete="off" maxlength="100" />
             <datalist id="placements">${PLACEMENTS.map((key) => html`<option value=${t(key)}></option>`)}</datalist>
           </div>
-        </form>
+        </div>
         <button class="press" aria-describedby="press-hint" ?disabled=${this.busy || !isConnected} @click=${this.press}>
-          ${this.busy ? t("pressing") : t("press")}
+          ${this.pressing ? t("pressing") : t("press")}
         </button>
         <p class="quiet" id="press-hint">${t("press_hint")}</p>
         <p class="told" role="status">${this.message}</p>

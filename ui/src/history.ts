@@ -140,11 +140,14 @@ class HistoryPart extends Part {
     const go = (event: Event) => {
       location.hash = `#/history/${(event.target as HTMLSelectElement).value}`;
     };
+    const listed = this.names?.map(({ name }) => name) ?? [];
+    // One that is too old to be listed is shown all the same.
+    const names = listed.includes(chosen) ? listed : [chosen, ...listed];
     return html`
       <p>
         <label for="recording">${t("recording")}</label>
         <select id="recording" @change=${go}>
-          ${this.names?.map(({ name }) => html`<option value=${name} ?selected=${name === chosen}>${name}</option>`)}
+          ${names.map((name) => html`<option value=${name} .selected=${name === chosen}>${name}</option>`)}
         </select>
       </p>
       ${cut(this.left[0])}

@@ -1,5 +1,6 @@
 // What holds now, as the process tells it in a stream. What is shown counts as known only while the stream is alive: after
-// ten seconds without a word, by the monotonic or by the wall clock (a tablet that slept), nothing is known any more.
+// ten seconds without a word, by the monotonic or by the wall clock (a tablet that slept), nothing is known any more. The
+// event `change` tells that something else may hold, `lost` that the stream broke off.
 import type { Now } from "./api";
 
 const STALE_MS = 10_000;
@@ -16,9 +17,11 @@ export class Live extends EventTarget {
   private source: EventSource | null = null;
   private opened = 0;
 
+  /** Listens; again with a stream of its own for a session that begins later. */
   start(): void {
-    if (this.source) return;
+    const isFirst = this.source === null;
     this.open();
+    if (!isFirst) return;
     setInterval(() => this.look(), 1000);
     for (const event of ["online", "pageshow", "focus"]) addEventListener(event, () => this.look());
     document.addEventListener("visibilitychange", () => this.look());
@@ -49,6 +52,7 @@ export class Live extends EventTarget {
       // The connection is gone: what was heard is not known to hold.
       this.heard = null;
       this.changed();
+      this.dispatchEvent(new Event("lost"));
     });
   }
 

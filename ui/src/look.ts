@@ -126,7 +126,7 @@ class LookPart extends Part {
                 <img src=${url} alt=${t("look_alt", { camera })} width=${look.seen.width} height=${look.seen.height} />
                 ${overlay(look.seen)}
               </div>
-              <ul class="facts-of">${this.facts(camera, look.seen)}</ul>
+              <ul class="facts-of">${this.facts(camera, look.seen, passed)}</ul>
               <p class=${passed > OLD_MS ? "warning" : "quiet"}>${t("look_age", { age: seconds(passed) })}</p>
               <button aria-pressed=${isLarge} @click=${turn}>${t("look_large")}</button>
             `
@@ -135,7 +135,7 @@ class LookPart extends Part {
     `;
   }
 
-  private facts(camera: string, seen: api.Seen): TemplateResult[] {
+  private facts(camera: string, seen: api.Seen, passed: number): TemplateResult[] {
     const facts: TemplateResult[] = [];
     const say = (isFine: boolean, words: string) =>
       facts.push(html`<li class=${isFine ? "" : "warning"}>${isFine ? "✓" : "⚠"} ${words}</li>`);
@@ -149,6 +149,7 @@ class LookPart extends Part {
       if (good === undefined) say(true, t("look_sharpness", { n }));
       else say(n + LESS_SHARP >= good, t("look_sharpness_good", { n, good }));
     }
+    if (seen.is_binned) facts.push(html`<li>${measured(seen, passed)}</li>`);
     const touches = seen.touches ?? [];
     if (touches.length > 0) {
       const sides = touches.map((side) => t(`side_${side}` as Key)).join(", ");
@@ -156,8 +157,15 @@ class LookPart extends Part {
     } else if (seen.outline) say(true, t("look_inside"));
     if (seen.no_outline) say(false, t("look_no_outline", { reason: said(seen.no_outline) }));
     if (seen.readings_percent !== undefined) say(true, t("look_readings", { n: seen.readings_percent }));
+    if (seen.why_whole) facts.push(html`<li>${said(seen.why_whole)}</li>`);
     return facts;
   }
+}
+
+/** How old the figures are that a small picture cannot show, in words. */
+function measured(seen: api.Seen, passed: number): string {
+  if (seen.measured_before_ms === undefined) return t("look_not_measured");
+  return t("look_measured", { age: seconds(seen.measured_before_ms + passed) });
 }
 
 /** The outline and what is clipped, over a picture. */

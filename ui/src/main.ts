@@ -22,6 +22,7 @@ class Page extends LitElement {
     refusal: { state: true },
     isLoading: { state: true },
     isAway: { state: true },
+    isOver: { state: true },
   };
   declare me: api.Me | null;
   declare route: string[];
@@ -29,6 +30,8 @@ class Page extends LitElement {
   declare isLoading: boolean;
   /** Whether it is not known if there is a session, because the page's process does not answer. */
   declare isAway: boolean;
+  /** Whether there was a session, and it is over. */
+  declare isOver: boolean;
   private sign = "";
   /** What a tone was last due for; null before anything was heard. */
   private told: string | null = null;
@@ -40,6 +43,7 @@ class Page extends LitElement {
     this.refusal = "";
     this.isLoading = true;
     this.isAway = false;
+    this.isOver = false;
   }
 
   protected createRenderRoot(): HTMLElement {
@@ -48,25 +52,41 @@ class Page extends LitElement {
 
   connectedCallback(): void {
     super.connectedCallback();
-    addEventListener("hashchange", () => this.go());
+    addEventListener("hashchange", () => void this.arrive());
     live.addEventListener("change", () => this.heard());
+    // Either the connection is gone, or the session.
+    live.addEventListener("lost", () => void this.enter());
     for (const event of ["pointerdown", "keydown"]) addEventListener(event, wake);
     setInterval(() => void this.look(), LOOK_MS);
     void this.begin();
   }
 
-  /** A link's token is used once, and taken out of the address before anything else happens. */
   private async begin(): Promise<void> {
+    await this.arrive();
+    // A link's token began a session already, or began none.
+    if (this.isLoading) await this.enter();
+    this.isLoading = false;
+  }
+
+  /** Goes where the address says; a link may also be opened where the page is open already. */
+  private async arrive(): Promise<void> {
     const token = /^#pair=([0-9a-f]{64})$/.exec(location.hash)?.[1];
-    if (token) {
-      history.replaceState(null, "", "/#/now");
-      try {
-        await api.pair(token);
-      } catch (error) {
-        this.refusal = error instanceof api.Refused ? error.reason : String(error);
-      }
-    }
+    if (token) await this.take(token);
     this.go();
+  }
+
+  /** A link's token is used once, and taken out of the address before anything else happens. */
+  private async take(token: string): Promise<void> {
+    history.replaceState(null, "", "/#/now");
+    this.refusal = "";
+    try {
+      await api.pair(token);
+      // What the page shows from then on belongs to the new session, which may have another role.
+      this.me = null;
+      this.isLoading = true;
+    } catch (error) {
+      this.refusal = error instanceof api.Refused ? error.reason : String(error);
+    }
     await this.enter();
     this.isLoading = false;
   }
@@ -75,14 +95,18 @@ class Page extends LitElement {
     try {
       const me = await api.me();
       this.isAway = false;
+      this.isOver = false;
       if (!this.me) {
         this.me = me;
         live.start();
       }
     } catch (error) {
-      const isOver = error instanceof api.Refused && error.status === 401;
-      if (isOver) this.me = null;
-      this.isAway = !isOver;
+      const isWithout = error instanceof api.Refused && error.status === 401;
+      if (isWithout) {
+        this.isOver ||= this.me !== null;
+        this.me = null;
+      }
+      this.isAway = !isWithout;
     }
   }
 
@@ -95,10 +119,13 @@ class Page extends LitElement {
     const now = live.now();
     const sign = now?.sign ?? "unknown";
     this.sound(sign, now?.capture ?? "");
-    if (sign !== this.sign) {
-      this.sign = sign;
-      document.title = `${t(`sign_${sign}` as Key)} – scand`;
-    }
+    if (sign === this.sign) return;
+    this.sign = sign;
+    this.entitle();
+  }
+
+  private entitle(): void {
+    if (this.sign !== "") document.title = `${t(`sign_${this.sign}` as Key)} – scand`;
   }
 
   /** A tone for each news, once: neither a connection that comes back nor a page that was just opened is news. */
@@ -142,6 +169,7 @@ class Page extends LitElement {
 
   private speak(tag: string): void {
     choose(tag);
+    this.entitle();
     this.requestUpdate();
     dispatchEvent(new Event("scand-language"));
   }
@@ -201,6 +229,7 @@ class Page extends LitElement {
   private login(): TemplateResult {
     return html`
       <h1>${t("login")}</h1>
+      ${this.isOver ? html`<p role="alert">${t("login_over")}</p>` : nothing}
       ${this.refused()}
       <p>${t("login_hint")}</p>
       <pre>scand page pair</pre>

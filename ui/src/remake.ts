@@ -40,6 +40,7 @@ class RemakePart extends Part {
       return;
     }
     this.busy = true;
+    this.message = "";
     try {
       this.message = told(await api.remake(this.capture, settings));
     } catch (error) {

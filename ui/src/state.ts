@@ -114,7 +114,8 @@ class StatePart extends Part {
     const found: (string | TemplateResult)[] = [];
     for (const [camera, about] of Object.entries(status.cameras ?? {})) {
       if (about.state !== "ready") {
-        found.push(t("todo_camera", { camera, words: said(about.words || about.state) }));
+        const isOpening = about.state === "opening";
+        found.push(isOpening ? t("todo_opening", { camera }) : t("todo_camera", { camera, words: said(about.words || about.state) }));
         continue;
       }
       if (about.lost_frames) found.push(t("todo_lost", { camera, n: about.lost_frames }));

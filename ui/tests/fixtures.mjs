@@ -1,4 +1,6 @@
-// What the browser tests share: one rig, and pages that are watched for errors and for requests that leave the machine.
+// What the browser tests share: one rig, pages that are watched for errors and for requests that leave the machine, and
+// what several cases do with them. A case may find captures, background pictures and an open session of those before
+// it; which cases ran before, it does not know.
 import { expect, test as base } from "@playwright/test";
 import { Rig } from "./rig.mjs";
 
@@ -61,6 +63,41 @@ export function watch(page) {
 export async function enter(page, rig, role = "operator", port = rig.port) {
   await page.goto(rig.link(role, port));
   await expect(page.locator("nav")).toBeVisible();
+}
+
+/** Takes a capture and waits for its model; recording and name of that. */
+export function make(rig) {
+  const lines = rig.scand("trigger", "--socket", "scand.sock", "--until", "done", "--json").trim().split("\n");
+  return JSON.parse(lines.pop()).model.split("/").slice(-2);
+}
+
+/** How many captures the rig took since the daemon began. */
+export const taken = (rig) => rig.status().complete;
+
+/** Presses on the page for an object; the capture's name, once it is on the disk. */
+export async function pressFor(page, rig, number) {
+  const before = taken(rig);
+  await page.getByLabel("Number of the object").fill(number);
+  await page.getByRole("button", { name: "Press", exact: true }).click();
+  await expect.poll(() => taken(rig)).toBe(before + 1);
+  const told = page.locator(".do > .told");
+  await expect(told).toContainText("safe on the disk");
+  return (await told.textContent()).trim().split(" ")[0];
+}
+
+/** Closes the session that another case left open, if one did. */
+export async function closeSession(page) {
+  const [begin, close] = ["Begin the session", "Close the session"].map((name) => page.getByRole("button", { name }));
+  await expect(begin.or(close)).toBeVisible();
+  if (await close.isVisible()) await close.click();
+  await expect(begin).toBeVisible();
+}
+
+/** Looks at something on the German page, and goes on with the English one. */
+export async function inGerman(page, look) {
+  await page.getByRole("button", { name: "Deutsch" }).click();
+  await look();
+  await page.getByRole("button", { name: "English" }).click();
 }
 
 /** Takes a picture of the top of the page, if pictures are wanted. */

@@ -10,6 +10,10 @@ import { join, resolve } from "node:path";
 const ROOT = resolve(new URL("../..", import.meta.url).pathname);
 export const SCAND = resolve(ROOT, process.env.SCAND ?? "target/debug/scand");
 
+/** Width and height of the depth camera's frames, and how much of each has a reading, in percent. */
+const DEPTH_SIZE = [160, 120];
+export const READINGS_PERCENT = 75;
+
 const wait = (ms) => new Promise((done) => setTimeout(done, ms));
 
 /** Waits until something is true. */
@@ -74,8 +78,9 @@ export class Rig {
     return words.join("\n");
   }
 
-  run(name, command, args) {
-    const child = spawn(command, args, { cwd: this.folder, stdio: ["pipe", "pipe", "pipe"] });
+  run(name, command, args, environment = {}) {
+    const env = { ...process.env, ...environment };
+    const child = spawn(command, args, { cwd: this.folder, env, stdio: ["pipe", "pipe", "pipe"] });
     const log = createWriteStream(this.path(`${name}.log`), { flags: "a" });
     child.stdout.pipe(log, { end: false });
     child.stderr.pipe(log, { end: false });
@@ -91,9 +96,9 @@ export class Rig {
   }
 
   /** Runs a command in the rig's network. */
-  inside(name, command, args) {
+  inside(name, command, args, environment) {
     const pid = String(this.children.get("network").pid);
-    return this.run(name, "nsenter", ["-t", pid, "-U", "--preserve-credentials", "-n", "--", command, ...args]);
+    return this.run(name, "nsenter", ["-t", pid, "-U", "--preserve-credentials", "-n", "--", command, ...args], environment);
   }
 
   async stop(name, signal = "SIGTERM") {
@@ -143,8 +148,29 @@ export class Rig {
 
   /** Puts the object into the rig, or takes it out. */
   async show(what) {
-    this.children.get("cameras").stdin.write(`${what}\n`);
+    await this.tell(what);
+  }
+
+  /** Says something to the simulated cameras (`scand simulate --serve`). */
+  async tell(words) {
+    this.children.get("cameras").stdin.write(`${words}\n`);
     await wait(300);
+  }
+
+  /** What the daemon needs around it so that it finds a depth camera: a test sensor of OpenNI2 that plays one frame. */
+  depthCamera() {
+    const staged = spawnSync(join(ROOT, "tests/openni2-sensor/stage.sh"), { encoding: "utf8" });
+    if (staged.status !== 0) throw new Error(`the test sensor: ${staged.error ?? ""} ${staged.stderr}`);
+    const frames = this.path("frames");
+    // tests/openni2-sensor/src/frames.rs has the format: one capture of one depth frame and one colour frame.
+    const head = Buffer.alloc(68);
+    head.write("SCANDDP1kinect", "latin1");
+    [...DEPTH_SIZE, 30, 100, 1, 1, 1].forEach((number, place) => head.writeUInt32LE(number, 40 + 4 * place));
+    const pixels = DEPTH_SIZE[0] * DEPTH_SIZE[1];
+    const first = (pixels * (100 - READINGS_PERCENT)) / 100;
+    const readings_mm = Uint16Array.from({ length: pixels }, (_, pixel) => (pixel < first ? 0 : 800 + (pixel % 100)));
+    writeFileSync(frames, Buffer.concat([head, Buffer.from(readings_mm.buffer), Buffer.alloc(3 * pixels, 128)]));
+    return { LD_LIBRARY_PATH: staged.stdout.trim(), SCAND_OPENNI2_FRAMES: frames };
   }
 
   /** Has background pictures and the object in the rig, as after the first captures, whichever test ran before. */
@@ -156,9 +182,10 @@ export class Rig {
   }
 
   writeConfiguration() {
-    const { cameras, resolution } = this.options;
+    const { cameras, resolution, depth } = this.options;
     const ids = Array.from({ length: cameras }, (_, n) => `c${String(n).padStart(2, "0")}`);
     const sections = ids.map((id, n) => `[aravis.cameras.${id}]\naddress = "127.0.1.${n + 1}"`);
+    if (depth) sections.push(`[openni2.cameras.kinect]\nsize = [${DEPTH_SIZE.join(", ")}]\nrate = 30`);
     writeFileSync(
       this.path("rig.toml"),
       `[rig]
@@ -202,7 +229,8 @@ ${sections.join("\n")}
 
   async startDaemon() {
     this.writeConfiguration();
-    this.inside("daemon", SCAND, ["run", "--config", "rig.toml"]);
+    const environment = this.options.depth ? this.depthCamera() : {};
+    this.inside("daemon", SCAND, ["run", "--config", "rig.toml"], environment);
     await until("the daemon", () => {
       const found = spawnSync(SCAND, ["status", "--socket", "scand.sock", "--json"], { cwd: this.folder, encoding: "utf8" });
       if (found.status !== 0) return false;

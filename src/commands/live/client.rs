@@ -348,7 +348,7 @@ fn words(event: &Event) -> String {
             format!("{capture}: durable in {}", recording.display())
         }
         Event::Failed { capture, reason } => format!("{capture}: failed: {reason}"),
-        Event::Busy => "busy: a capture is being taken".into(),
+        Event::Busy => "busy: another order is being carried out, such as a capture".into(),
         Event::Refused { reason } => format!("a press was refused: {reason}"),
         Event::Done {
             capture,

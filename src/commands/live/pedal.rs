@@ -110,7 +110,9 @@ fn press(daemon: &Daemon, press_id: &str) {
     match end {
         Ok(Reply::Durable { capture, .. }) => log::notice!("{capture}: durable"),
         Ok(Reply::Failed { capture, reason }) => log::error!("{capture}: failed: {reason}"),
-        Ok(Reply::Busy) => log::warning!("busy: a capture is being taken"),
+        Ok(Reply::Busy) => {
+            log::warning!("busy: another order is being carried out, such as a capture");
+        }
         Ok(Reply::Refused { reason }) => log::error!("a press was refused: {reason}"),
         Ok(reply) => log::warning!("the daemon gave an unexpected answer: {reply:?}"),
         Err(error) => log::error!("no capture was taken: {error}"),

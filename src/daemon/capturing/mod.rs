@@ -144,6 +144,7 @@ impl Capturing {
             maker: plan.look.as_ref().map(start).transpose().map_err(io)?,
             looks: looks.clone(),
             turns: Turns::default(),
+            told: std::collections::BTreeMap::new(),
         };
         let can_look = looking.maker.is_some();
         let capture_thread = CaptureThread::new(
@@ -196,7 +197,9 @@ impl Capturing {
     /// Sends an order that is not a press, unless another order is being carried out.
     pub(super) fn order(&self, order: Order) {
         if !self.dispatcher.presses().claim() {
-            return order.decline("a capture is being taken");
+            return order.decline(
+                "another order is being carried out, such as a capture: try again in a moment",
+            );
         }
         if let Err(order) = self.send(order) {
             self.dispatcher.presses().release();

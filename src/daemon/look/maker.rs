@@ -1,6 +1,7 @@
 //! The thread that has a look's pictures made: it passes a frame to a confined process (`scand make-look`) and shows
 //! what comes back. It has the lowest priority, takes one frame at a time, and decodes nothing itself.
 
+use super::measured::{Measured, brightness};
 use super::protocol::{COMMAND, Head, LARGEST_OUTPUT, PARENT, Pixels, SegmentationSettings};
 use super::{CameraLook, Looks};
 use crate::frame::{Frame, Picture, Stream};
@@ -34,6 +35,10 @@ pub(in crate::daemon) struct LookTask {
     pub(in crate::daemon) frame: Frame,
     /// The camera's view of the empty rig.
     pub(in crate::daemon) background: Option<Picture>,
+    /// Whether the camera joined 2x2 pixels for it.
+    pub(in crate::daemon) is_binned: bool,
+    /// Why the camera does not join pixels although it was to.
+    pub(in crate::daemon) why_whole: Option<String>,
 }
 
 /// The thread, from outside.
@@ -56,10 +61,11 @@ impl LookMaker {
         let (tasks, queue) = bounded(1);
         let (tell, done) = bounded(1);
         let cancel = Cancel::new()?;
-        let maker = Maker {
+        let mut maker = Maker {
             plan,
             looks,
             cancel: cancel.clone(),
+            measured: Measured::default(),
         };
         let thread = std::thread::Builder::new().name("look".into());
         let to_tell = tell.clone();
@@ -106,18 +112,25 @@ struct Maker {
     plan: LookPlan,
     looks: Looks,
     cancel: Cancel,
+    measured: Measured,
 }
 
 impl Maker {
-    fn run(&self, queue: &Receiver<LookTask>, tell: &Sender<()>) {
+    fn run(&mut self, queue: &Receiver<LookTask>, tell: &Sender<()>) {
         for missing in lower_thread_priority(19) {
             log::warning!("the thread that makes pictures for looks cannot set {missing}");
         }
         while let Ok(task) = queue.recv() {
             let (camera, time) = (task.frame.camera.to_string(), task.frame.timestamp);
+            let (bright, why_whole) = (brightness(&task.frame.picture), task.why_whole.clone());
             let made = self.input(task).and_then(|input| self.make(input));
+            let outcome = made.map(|(picture, mut seen)| {
+                self.measured.complete(&camera, time, bright, &mut seen);
+                seen.why_whole = why_whole;
+                (picture, seen)
+            });
             let outcome =
-                made.map_err(|why| format!("no picture could be made of its frame: {why}"));
+                outcome.map_err(|why| format!("no picture could be made of its frame: {why}"));
             self.looks.show(&camera, CameraLook { time, outcome });
             if tell.send(()).is_err() {
                 return;
@@ -127,10 +140,16 @@ impl Maker {
 
     /// A file in memory with everything about a frame, whose own memory is free again then.
     fn input(&self, task: LookTask) -> Result<File, String> {
-        let LookTask { frame, background } = task;
+        let LookTask {
+            frame,
+            background,
+            is_binned,
+            ..
+        } = task;
         let head = Head {
             camera: frame.camera.to_string(),
             depth: frame.stream == Stream::Depth,
+            joined: if is_binned { 2 } else { 1 },
             frame: pixels(&frame.picture),
             background: background.as_ref().map(pixels),
             cutting: self.plan.cutting.clone(),

@@ -6,6 +6,7 @@ pub mod protocol;
 
 mod base64;
 mod maker;
+mod measured;
 #[cfg(test)]
 mod tests;
 mod turns;
@@ -15,7 +16,7 @@ pub(super) use maker::{LookMaker, LookTask};
 pub(super) use turns::Turns;
 
 use crate::clock::Clock;
-use crate::frame::Timestamp;
+use crate::frame::{CameraId, Timestamp};
 use crate::trigger::{Event, LookFigures};
 use parking_lot::Mutex;
 use std::collections::BTreeMap;
@@ -29,6 +30,21 @@ pub(super) struct LookScheduler {
     /// `None` where nobody can look.
     pub(super) maker: Option<LookMaker>,
     pub(super) turns: Turns,
+    /// Why a camera's looks are whole although they were to be binned, as it was last told of each.
+    pub(super) told: BTreeMap<CameraId, String>,
+}
+
+impl LookScheduler {
+    /// Why a camera's looks are whole, if that is new.
+    pub(super) fn new_reason<'a>(
+        &mut self,
+        camera: &CameraId,
+        why: Option<&'a str>,
+    ) -> Option<&'a str> {
+        let why = why.filter(|why| self.told.get(camera).is_none_or(|told| told != why))?;
+        self.told.insert(camera.clone(), why.to_owned());
+        Some(why)
+    }
 }
 
 /// What a camera showed last.

@@ -21,6 +21,8 @@ pub struct Head {
     pub camera: String,
     /// Whether the frame has depth readings.
     pub depth: bool,
+    /// Pixels of the camera's sensor on a side of one of the frame's: 2 where it joined pixels for the look.
+    pub joined: u32,
     /// The frame.
     pub frame: Pixels,
     /// The camera's view of the empty rig.

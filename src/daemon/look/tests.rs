@@ -145,6 +145,22 @@ fn presses_go_on_while_somebody_looks() {
     );
 }
 
+#[test]
+fn why_a_cameras_looks_are_whole_is_told_once() {
+    let mut scheduler = LookScheduler {
+        looks: Looks::new(crate::clock::Clock::system()),
+        maker: None,
+        turns: Turns::default(),
+        told: BTreeMap::new(),
+    };
+    let [c00, c01] = ["c00", "c01"].map(|id| CameraId::new(id).unwrap());
+    assert_eq!(scheduler.new_reason(&c00, None), None);
+    assert_eq!(scheduler.new_reason(&c00, Some("slow")), Some("slow"));
+    assert_eq!(scheduler.new_reason(&c00, Some("slow")), None);
+    assert_eq!(scheduler.new_reason(&c01, Some("slow")), Some("slow"));
+    assert_eq!(scheduler.new_reason(&c00, Some("stuck")), Some("stuck"));
+}
+
 /// Notes what cameras report until a picture is there.
 fn wait_for_look(rig: &mut Rig) -> RigLook {
     loop {
@@ -175,7 +191,7 @@ fn a_shot_waits_for_the_picture_in_transfer_and_not_for_one_that_never_comes() {
     assert!(rig.begin_look(&c01, long));
     assert!(!rig.begin_look(&c01, long), "one is in transfer");
     let look = wait_for_look(&mut rig);
-    assert_eq!(look.outcome.unwrap().0.len(), 1);
+    assert_eq!(look.outcome.unwrap().frames.len(), 1);
     // One that is in transfer is over then, and dropped.
     assert!(rig.begin_look(&c01, long));
     rig.end_look(&heartbeat);

@@ -4,26 +4,29 @@
 
 use super::{CameraKind, Rig, State};
 use crate::daemon::systemd::Heartbeat;
-use crate::drivers::live::{Fault, Shot};
-use crate::frame::{CameraId, Frame, Timestamp};
-use std::collections::{BTreeMap, BTreeSet};
+use crate::drivers::live::{Fault, LookResult, Shot};
+use crate::frame::{CameraId, Timestamp};
+use std::collections::{BTreeMap, BTreeSet, VecDeque};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
-/// How much longer than its camera's last one a picture may take while a press waits for it.
+/// How much longer than its camera's last ones a picture may take while a press waits for it.
 const GRACE: Duration = Duration::from_millis(100);
 /// How long a picture may take where a signal triggers cameras. A capture's window runs meanwhile, and no second signal
 /// would come.
 const LONGEST_BESIDE_SIGNALS: Duration = Duration::from_millis(500);
+
+/// How many of a camera's last pictures say how long the next one takes: some are small, and every fourth is whole.
+const LAST_PICTURES: usize = 4;
 
 /// What came of a look at a camera.
 #[derive(Debug)]
 pub(in crate::daemon) struct RigLook {
     /// The camera.
     pub(in crate::daemon) camera: CameraId,
-    /// The newest frame of each of its streams, and what was lost in words; or why there is none.
-    pub(in crate::daemon) outcome: Result<(Vec<Frame>, Vec<String>), Fault>,
+    /// What it gave, or why there is nothing.
+    pub(in crate::daemon) outcome: Result<LookResult, Fault>,
 }
 
 /// The picture that is in transfer, and what became of the last one.
@@ -31,14 +34,29 @@ pub(in crate::daemon) struct RigLook {
 pub(super) struct LookProgress {
     now: Option<InTransfer>,
     done: Option<RigLook>,
-    /// How long each camera's last picture took.
-    took: BTreeMap<CameraId, Duration>,
+    /// How long each camera's last pictures took, the newest last.
+    took: BTreeMap<CameraId, VecDeque<Duration>>,
 }
 
 struct InTransfer {
     camera: CameraId,
     begun: Instant,
     shot: Shot,
+}
+
+impl LookProgress {
+    /// How long the longest of a camera's last pictures took; `None` before the first.
+    fn longest(&self, camera: &CameraId) -> Option<Duration> {
+        self.took.get(camera)?.iter().max().copied()
+    }
+
+    fn note_time(&mut self, camera: &CameraId, took: Duration) {
+        let last = self.took.entry(camera.clone()).or_default();
+        last.push_back(took);
+        if last.len() > LAST_PICTURES {
+            last.pop_front();
+        }
+    }
 }
 
 impl Rig {
@@ -114,8 +132,8 @@ impl Rig {
         self.looking.done.take()
     }
 
-    /// Waits until no picture is in transfer: until the end of the one that is, but not much longer than the camera
-    /// took for the one before, for it may never come. The picture itself is dropped.
+    /// Waits until no picture is in transfer: until the end of the one that is, with the way back from a small one, but
+    /// not much longer than the camera took for those before, for it may never come. The picture itself is dropped.
     /// Returns the time of the trigger that waits, and the cameras whose state changed meanwhile. Where a signal
     /// triggers cameras, the trigger is as old as the wait is long, so that what the signal exposed still belongs to
     /// it.
@@ -127,8 +145,8 @@ impl Rig {
         let mut changed = BTreeSet::new();
         while let Some(look) = &self.looking.now {
             heartbeat.tick();
-            let took = self.looking.took.get(&look.camera);
-            let expected = took.map(|&took| look.begun + 2 * took + GRACE);
+            let took = self.looking.longest(&look.camera);
+            let expected = took.map(|took| look.begun + 2 * took + GRACE);
             let until = expected.map_or(look.shot.deadline, |e| e.min(look.shot.deadline));
             let left = self.clock.until(until);
             let wait = left.min(Heartbeat::INTERVAL);
@@ -156,14 +174,14 @@ impl Rig {
         &mut self,
         camera: CameraId,
         number: u64,
-        outcome: Result<(Vec<Frame>, Vec<String>), Fault>,
+        outcome: Result<LookResult, Fault>,
     ) {
         let Some(look) = self.looking.now.take_if(|look| look.shot.number == number) else {
             return;
         };
-        if outcome.as_ref().is_ok_and(|(frames, _)| !frames.is_empty()) {
+        if outcome.as_ref().is_ok_and(|found| !found.frames.is_empty()) {
             let took = self.clock.elapsed(look.begun);
-            self.looking.took.insert(camera.clone(), took);
+            self.looking.note_time(&camera, took);
         }
         self.looking.done = Some(RigLook { camera, outcome });
     }
@@ -172,5 +190,24 @@ impl Rig {
         if let Some(look) = self.looking.now.take() {
             look.shot.abandoned.store(true, Ordering::Relaxed);
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_whole_picture_may_take_as_long_as_the_last_whole_one_also_after_small_ones() {
+        let camera = CameraId::new("c00").unwrap();
+        let mut progress = LookProgress::default();
+        assert_eq!(progress.longest(&camera), None);
+        let ms = Duration::from_millis;
+        for took in [500, 130, 130, 130] {
+            progress.note_time(&camera, ms(took));
+            assert_eq!(progress.longest(&camera), Some(ms(500)));
+        }
+        progress.note_time(&camera, ms(400));
+        assert_eq!(progress.longest(&camera), Some(ms(400)));
     }
 }

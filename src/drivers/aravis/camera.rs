@@ -2,6 +2,7 @@
 //! folder that are named after them.
 
 use super::action::ActionGroup;
+use super::binning::{BinnedLooks, Experience};
 use super::clock::CameraClock;
 use super::features::Features;
 use super::find::{Found, find, take_control};
@@ -16,7 +17,7 @@ use crate::frame::{CameraId, Frame, Timestamp};
 use aravis::prelude::*;
 use aravis::{Buffer, Camera, GvDevice};
 use std::collections::VecDeque;
-use std::sync::OnceLock;
+use std::sync::{Arc, OnceLock};
 use std::time::{Duration, Instant};
 
 /// Opens one GigE Vision camera, again and again if need be.
@@ -26,6 +27,7 @@ pub struct GigeDriver {
     pool: Pool,
     clock: Clock,
     actions: ActionGroup,
+    binning: Arc<Experience>,
 }
 
 impl GigeDriver {
@@ -43,6 +45,7 @@ impl GigeDriver {
             pool,
             clock,
             actions,
+            binning: Arc::default(),
         }
     }
 }
@@ -75,6 +78,8 @@ pub(super) struct OpenCamera {
     pub(super) frames: Frames,
     pub(super) camera_clock: CameraClock,
     pub(super) precision_time: Option<PrecisionTime>,
+    /// `None` where looks are not to be binned.
+    pub(super) binned: Option<BinnedLooks>,
     pub(super) camera: Camera,
     pub(super) device: GvDevice,
     /// It did not answer when it was asked.
@@ -106,6 +111,7 @@ impl OpenCamera {
             size: set.size,
             payload: set.payload,
         };
+        let binned = BinnedLooks::find(&camera, &parameters, driver.binning.clone());
         let mut frames = Frames::open(&camera, &parameters, layout)?;
         let camera_clock = CameraClock::find(&camera, &device, driver.clock);
         frames.begin();
@@ -122,6 +128,7 @@ impl OpenCamera {
             frames,
             camera_clock,
             precision_time,
+            binned,
             camera,
             device,
             is_silent: false,
@@ -130,6 +137,7 @@ impl OpenCamera {
         open.remark();
         let started = open.camera.start_acquisition();
         started.map_err(|e| Fault::Away(format!("it cannot start its stream: {}", e.message())))?;
+        open.try_binned_looks()?;
         Ok(open)
     }
 
@@ -190,7 +198,11 @@ impl OpenCamera {
 }
 
 impl OpenCamera {
-    fn shoot(&mut self, shot: &Shot, take: &mut dyn FnMut(Frame)) -> Result<ShotStats, Fault> {
+    pub(super) fn shoot(
+        &mut self,
+        shot: &Shot,
+        take: &mut dyn FnMut(Frame),
+    ) -> Result<ShotStats, Fault> {
         self.in_control()?;
         // A camera that is gone is reported now, and not when the library gives up.
         self.check()?;
@@ -208,16 +220,6 @@ impl OpenCamera {
             stats.remarks.push(words);
         }
         outcome.map(|()| stats)
-    }
-
-    fn look(&mut self, shot: &Shot, take: &mut dyn FnMut(Frame)) -> Result<ShotStats, Fault> {
-        if self.mode() != TriggerMode::Line {
-            return self.shoot(shot, take);
-        }
-        self.in_control()?;
-        let mut stats = ShotStats::default();
-        self.look_at_line(&mut stats, take);
-        Ok(stats)
     }
 
     fn idle(&mut self) -> Result<(), Fault> {
@@ -290,7 +292,7 @@ impl Device for OpenedCamera {
     }
 
     fn shoot(&mut self, shot: &Shot, take: &mut dyn FnMut(Frame)) -> Result<ShotStats, Fault> {
-        self.0.as_mut().ok_or_else(nobody)?.shoot(shot, take)
+        self.0.as_mut().ok_or_else(nobody)?.capture(shot, take)
     }
 
     fn look(&mut self, shot: &Shot, take: &mut dyn FnMut(Frame)) -> Result<ShotStats, Fault> {

@@ -6,6 +6,9 @@ use crate::drivers::live::Fault;
 use aravis::prelude::*;
 use aravis::{Camera, DeviceError};
 
+/// How many pixels a camera joins in each direction.
+pub(super) const BINNING: [&str; 2] = ["BinningHorizontal", "BinningVertical"];
+
 /// Sets features of one camera, and keeps what was asked and found.
 pub(super) struct Features<'a> {
     /// The camera.

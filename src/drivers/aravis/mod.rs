@@ -19,10 +19,12 @@ cfg_if::cfg_if! {
 
 cfg_if::cfg_if! {
     if #[cfg(feature = "aravis")] {
+        mod binning;
         mod camera;
         mod clock;
         mod features;
         mod find;
+        mod look;
         mod precision_time;
         mod settings;
         mod shoot;

@@ -77,6 +77,9 @@ pub struct Parameters {
     /// Frames that memory is kept ready for, 2 to 64; default 3, and 8 with `line` and `free-run`.
     #[serde(deserialize_with = "range::optional_count::<_, 2, 64>")]
     pub buffers: Option<u32>,
+    /// Whether the camera joins 2x2 pixels for the pictures of a look, where that keeps a press waiting no longer;
+    /// default `false`. Needs `region`, and `trigger` `software`.
+    pub binned_looks: Option<bool>,
     /// Other features by the camera's own names, set before everything else.
     pub features: Option<BTreeMap<String, FeatureValue>>,
 }
@@ -221,7 +224,45 @@ impl Parameters {
             ));
         }
         self.not_both()?;
-        self.fits_trigger()
+        self.fits_trigger()?;
+        self.fits_binned_looks()
+    }
+
+    /// Whether the camera may join pixels for a look.
+    pub fn has_binned_looks(&self) -> bool {
+        self.binned_looks == Some(true)
+    }
+
+    /// Whatever a look left behind, opening has to bring the camera to the capture's settings: so they must be given.
+    fn fits_binned_looks(&self) -> Result<(), String> {
+        if !self.has_binned_looks() {
+            return Ok(());
+        }
+        if self.region.is_none() {
+            return Err("binned_looks needs region: what the camera is brought back to".into());
+        }
+        if self.trigger_mode() != TriggerMode::Software {
+            return Err("binned_looks has an effect only with trigger software".into());
+        }
+        let automatic = [
+            (self.auto_exposure, "auto_exposure"),
+            (self.auto_gain, "auto_gain"),
+            (self.auto_white_balance, "auto_white_balance"),
+        ];
+        if let Some((_, field)) = automatic.iter().find(|(auto, _)| *auto == Some(true)) {
+            return Err(format!(
+                "{field} and binned_looks exclude each other: the camera would measure the light anew before a capture"
+            ));
+        }
+        let mut names = self.features.iter().flat_map(BTreeMap::keys);
+        let is_ours =
+            |name: &&String| ["BinningHorizontal", "BinningVertical"].contains(&name.as_str());
+        match names.find(is_ours) {
+            Some(name) => Err(format!(
+                "features.{name} and binned_looks exclude each other: a look would change what the capture needs"
+            )),
+            None => Ok(()),
+        }
     }
 
     fn not_both(&self) -> Result<(), String> {
@@ -342,6 +383,20 @@ mod tests {
             ("serial = 'a'\nframe_rate = 5", "free-run"),
             ("serial = 'a'\ntrigger = 'action'\nptp = false", "ptp"),
             ("serial = 'a'\nregion = { width = 0, height = 3 }", "0x3"),
+            ("serial = 'a'\nbinned_looks = true", "needs region"),
+            (
+                "serial = 'a'\nbinned_looks = true\nregion = { width = 8, height = 8 }\ntrigger = 'line'",
+                "trigger software",
+            ),
+            (
+                "serial = 'a'\nbinned_looks = true\nregion = { width = 8, height = 8 }\nauto_gain = true",
+                "auto_gain",
+            ),
+            (
+                "serial = 'a'\nbinned_looks = true\nregion = { width = 8, height = 8 }\n\
+                 features = { BinningVertical = 2 }",
+                "features.BinningVertical",
+            ),
         ];
         for (text, named) in cases {
             let message = read(text).unwrap_err();

@@ -1,7 +1,7 @@
 //! Configures a camera in the order in which settings depend on each other: trigger off, format, region, light,
 //! packets, trigger on. Each setting is read back.
 
-use super::features::{Features, fault};
+use super::features::{BINNING, Features, fault};
 use super::parameters::{self, Activation, Parameters, Region, TriggerMode};
 use crate::drivers::live::Fault;
 use crate::drivers::pixel_format::PixelFormat;
@@ -38,6 +38,7 @@ impl Setting<'_, '_> {
     /// If the camera does not take something that was asked for, or is away.
     pub(super) fn all(&mut self) -> Result<AppliedSettings, Fault> {
         self.quiet()?;
+        self.unbinned()?;
         let features = self.parameters.features.iter().flatten();
         for (name, value) in features {
             self.features.value(name, value)?;
@@ -76,6 +77,20 @@ impl Setting<'_, '_> {
         }
         let continuous = camera.set_acquisition_mode(AcquisitionMode::Continuous);
         continuous.map_err(|e| fault("AcquisitionMode", "Continuous", &e))
+    }
+
+    /// Ends what a look may have left behind, if looks may be binned: also a look of a daemon that was killed.
+    fn unbinned(&mut self) -> Result<(), Fault> {
+        if !self.parameters.has_binned_looks() {
+            return Ok(());
+        }
+        for name in BINNING {
+            let found = self.features.camera.integer(name);
+            if self.features.has(name) && !matches!(found, Ok(1)) {
+                self.features.integer_unbounded(name, 1)?;
+            }
+        }
+        Ok(())
     }
 
     fn format(&mut self) -> Result<PixelFormat, Fault> {

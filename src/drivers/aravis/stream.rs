@@ -36,6 +36,8 @@ pub(super) enum Arrival {
 pub(super) struct Frames {
     stream: GvStream,
     layout: Layout,
+    /// Width and height of the small pictures of looks, once one was asked for. What is left of one is nobody's loss.
+    small: Option<[u32; 2]>,
     counted: Counts,
     buffers: u32,
     opened: Instant,
@@ -80,6 +82,7 @@ impl Frames {
         Ok(Self {
             stream,
             layout,
+            small: None,
             counted: Counts::default(),
             buffers: parameters.buffer_count(),
             opened: Instant::now(),
@@ -96,6 +99,15 @@ impl Frames {
             self.give_back(Buffer::new_allocate(self.layout.payload));
         }
         self.count(&mut ShotStats::default());
+    }
+
+    /// Expects frames of another size from now on; the memory of whole ones is enough for smaller ones. What comes of
+    /// the smaller size later is dropped in silence.
+    pub(super) fn expect(&mut self, size: [u32; 2]) {
+        if size < self.layout.size {
+            self.small = Some(size);
+        }
+        self.layout.size = size;
     }
 
     /// What has come already; `None` if nothing has.
@@ -154,12 +166,26 @@ impl Frames {
         // A packet that came twice has made damaged frames look whole (Aravis, bug 311): believe the numbers.
         match self.contradiction(&buffer) {
             None => Arrival::Whole(buffer),
+            Some(_) if self.is_late_small(&buffer) => {
+                self.give_back(buffer);
+                Arrival::Nothing
+            }
             Some(why) => {
                 let stamp = buffer.timestamp();
                 self.give_back(buffer);
                 Arrival::Damaged(why, Some(stamp))
             }
         }
+    }
+
+    /// Whether a frame is a small picture that came after its look.
+    fn is_late_small(&self, buffer: &Buffer) -> bool {
+        if buffer.payload_type() != BufferPayloadType::Image || self.small == Some(self.layout.size)
+        {
+            return false;
+        }
+        let size = [buffer.image_width() as u32, buffer.image_height() as u32];
+        self.small == Some(size)
     }
 
     /// What is not as it was set, in a frame that claims to be whole.

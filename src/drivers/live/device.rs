@@ -63,6 +63,23 @@ pub struct ShotStats {
     pub unused: u64,
     /// Advice although nothing was lost, such as a clock that is far off the network's.
     pub remarks: Vec<String>,
+    /// Of a look: whether the camera joined 2x2 pixels for it. A shot's frames are always whole.
+    pub is_binned: bool,
+    /// Of a look: why the camera does not join pixels although it was to, in words.
+    pub why_whole: Option<String>,
+}
+
+/// What a look at a camera gave.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct LookResult {
+    /// The newest frame of each stream.
+    pub frames: Vec<Frame>,
+    /// What was lost, in words.
+    pub lost: Vec<String>,
+    /// Whether the camera joined 2x2 pixels for it.
+    pub is_binned: bool,
+    /// Why the camera does not join pixels although it was to, in words.
+    pub why_whole: Option<String>,
 }
 
 /// An open camera: its identity and its settings as they were read back.
@@ -108,7 +125,8 @@ pub trait Device {
 
     /// Takes a picture for a look: as [`Device::shoot`], but a depth camera gives one frame instead of a burst, and a
     /// camera that waits for a signal of its line gives a copy of what the newest one exposed, which the next shot
-    /// still finds. It is called between shots, and nothing that it takes is recorded.
+    /// still finds. A camera may join pixels if it is as it was when this ends. It is called between shots, and nothing
+    /// that it takes is recorded.
     ///
     /// # Errors
     /// If the camera is away.

@@ -11,7 +11,7 @@ mod supervisor_tests;
 use std::time::Duration;
 
 pub use clock::{DeviceClock, Reading};
-pub use device::{CameraInfo, Device, Driver, Fault, Shot, ShotStats};
+pub use device::{CameraInfo, Device, Driver, Fault, LookResult, Shot, ShotStats};
 pub use pool::{Pool, PooledBuffer};
 pub use supervisor::{
     Backoff, CameraEvent, Command, Message, StoppingThread, Supervised, supervise,

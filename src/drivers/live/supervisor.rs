@@ -1,7 +1,7 @@
 //! The thread of one live camera: opens it, takes its shots, polls it while idle, and reopens it with growing pauses
 //! when it is away. Only its own camera can block this thread: when the queue is full, frames are dropped and counted.
 
-use super::{CameraInfo, Device, Driver, Fault, Shot, ShotStats};
+use super::{CameraInfo, Device, Driver, Fault, LookResult, Shot, ShotStats};
 use crate::frame::{CameraId, Frame, Stream, Timestamp};
 use crossbeam_channel::{Receiver, RecvTimeoutError, Sender, TrySendError, bounded};
 use std::collections::BTreeMap;
@@ -41,8 +41,8 @@ pub enum CameraEvent {
     Looked {
         /// The number of its shot.
         shot: u64,
-        /// The newest frame of each stream, and what was lost in words; or why the camera took none.
-        outcome: Result<(Vec<Frame>, Vec<String>), Fault>,
+        /// What it gave, or why the camera took none.
+        outcome: Result<LookResult, Fault>,
     },
     /// What the camera reports about itself while idle: names and values.
     Health(Vec<[String; 2]>),
@@ -282,7 +282,12 @@ impl Supervisor {
         let fault = outcome.as_ref().err().cloned();
         self.report(CameraEvent::Looked {
             shot: shot.number,
-            outcome: outcome.map(|stats| (newest.into_values().collect(), stats.lost)),
+            outcome: outcome.map(|stats| LookResult {
+                frames: newest.into_values().collect(),
+                lost: stats.lost,
+                is_binned: stats.is_binned,
+                why_whole: stats.why_whole,
+            }),
         });
         fault.map_or(Ok(()), Err)
     }

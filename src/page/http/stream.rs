@@ -20,6 +20,8 @@ use tokio::time::{sleep, timeout};
 const EVERY: Duration = Duration::from_secs(4);
 /// Shortest one.
 const PAUSE: Duration = Duration::from_millis(100);
+
+/// A stream that is open, and what it needs for its next event.
 struct Stream {
     app: Arc<App>,
     secret: String,

@@ -1,5 +1,6 @@
 // What the daemon says in words alone, in the page's language: the catalogue has its sentences, with names in place of
-// what differs, and parts of lists and of other sentences. What it does not have stays as the daemon said it.
+// what differs, and parts of lists and of other sentences, among these the usual errors of the operating system. What it
+// does not have stays as the daemon said it.
 import { html, type TemplateResult } from "lit";
 import { en } from "./en";
 import { isKey, type Key, language, t } from "./index";
@@ -34,19 +35,25 @@ const HELD: [RegExp, string][] = [
   [/^(camera|name)$/, "([\\w.-]+)"],
   [/^cameras$/, "([^;]+?)"],
   [/^kind$/, "(colour|depth)"],
+  [/^action$/, "(create|write|write to|remove|rename into place)"],
+  [/^file$/, "([^\\s:;]+)"],
+  [/^cause$/, "([^:;]+ \\(os error \\d+\\))"],
   // Where there may be nothing.
   [/^rest$/, "((?:: .+)?)"],
   [/^doubts$/, "((?:; .+)?)"],
   [/^place$/, "((?: \\(.+\\))?)"],
+  [/^advice$/, "((?:: .+)?)"],
 ];
 /** Names of what the daemon says in words: a sentence of its own, or several. */
-const SPOKEN = ["reason", "why", "words", "consequence", "shortfall", "rest", "doubts", "place"];
+const SPOKEN = ["reason", "why", "words", "consequence", "shortfall", "rest", "doubts", "place", "cause", "advice"];
 /** Names in the place of which people's own names stand, such as a camera's; these have no spaces. */
 const NAMED = ["camera", "name", "capture", "other"];
 const NAMES = /\{(\w+)\}/;
 
 const sentences = ofCatalogue("said_");
-const parts = ofCatalogue("part_");
+/** What the operating system says of an error. */
+const causes = [...ofCatalogue("os_"), ...ofCatalogue("kind_")];
+const parts = [...ofCatalogue("part_"), ...causes];
 const remembered = new Map<string, Piece[]>();
 
 function ofCatalogue(prefix: string): Sentence[] {
@@ -60,7 +67,7 @@ function ofCatalogue(prefix: string): Sentence[] {
 function sentence(key: Key): Sentence {
   const names: string[] = [];
   // The beginning joins some sentences to the one before.
-  const pieces = en[key].replace(/^; /, "").split(NAMES);
+  const pieces = en[key].replace(/^[;:] /, "").split(NAMES);
   const pattern = pieces.map((piece, place) => {
     if (place % 2 === 0) return piece.replace(/[.*+?^${}()|[\]\\]/g, "\\$&");
     names.push(piece);
@@ -113,11 +120,18 @@ function ofList(one: string): string {
 /** The same of a sentence that may begin with the camera or the capture that it is about. */
 function ofCamera(text: string): Piece[] | null {
   if (text.length > LONGEST) return null;
-  const whole = matched(text, sentences);
+  const whole = matched(text, sentences) ?? matched(text, causes);
   if (whole !== null) return whole;
   const [, about, rest] = /^(?:camera |capture )?([\w.-]+(?: of [\w.-]+)?): (.+)$/.exec(text) ?? [];
   const words = rest ? ofCamera(rest) : null;
   return words && [own(`${about}: `), ...words];
+}
+
+/** A sentence that the catalogue does not have, at whose end the operating system may have its word. */
+function withCause(text: string): Piece[] {
+  const [, begin, words] = /^(.*: )([^:]+)$/.exec(text) ?? [];
+  const found = words === undefined ? null : matched(words, causes);
+  return found === null ? [foreign(text)] : [foreign(begin), ...found];
 }
 
 /** Sentences between semicolons, some of which have semicolons themselves. */
@@ -130,7 +144,7 @@ function several(text: string): Piece[] {
     let found = ofCamera(all.slice(begin, end).join("; "));
     while (found === null && --end > begin) found = ofCamera(all.slice(begin, end).join("; "));
     if (begin > 0) pieces.push(own("; "));
-    pieces.push(...(found ?? [foreign(all[begin])]));
+    pieces.push(...(found ?? withCause(all[begin])));
     begin = Math.max(end, begin + 1);
   }
   return pieces;

@@ -49,6 +49,17 @@ pub struct ColorLook {
     pub outline: Result<Outline, String>,
 }
 
+/// A look at a colour camera that joined pixels for it: what does not depend on single pixels.
+#[derive(Clone, Debug)]
+pub struct BinnedLook {
+    /// The picture, each pixel the mean of a square of the camera's pixels.
+    pub picture: RgbImage,
+    /// Pixels of the camera's full picture on a side of that square.
+    pub scale: usize,
+    /// The silhouette's outline, or why there is none.
+    pub outline: Result<Outline, String>,
+}
+
 /// A silhouette's outline in a small picture.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Outline {
@@ -77,6 +88,24 @@ pub fn color(picture: &RgbImage, cutting: Result<&Segmentation, String>) -> Colo
         clipped_ppm,
         clipped: contours(&clipped),
         sharpness_percent: sharpness_percent(picture, part),
+        outline: cut.map(|mask| outline(&mask)),
+        picture: small,
+    }
+}
+
+/// Looks at a picture for which a colour camera joined squares of `joined` pixels a side. `cutting` is for full
+/// pictures, as for [`color`].
+pub fn binned(
+    picture: &RgbImage,
+    joined: usize,
+    cutting: Result<&Segmentation, String>,
+) -> BinnedLook {
+    let by = scale_of(picture.width(), picture.height());
+    let small = reduced(picture, by);
+    let scale = by * joined;
+    let cut = cutting.and_then(|cutting| cut(&small, scale, cutting));
+    BinnedLook {
+        scale,
         outline: cut.map(|mask| outline(&mask)),
         picture: small,
     }

@@ -88,6 +88,16 @@ fn the_outline_is_where_the_object_is() {
 }
 
 #[test]
+fn a_binned_picture_has_the_outline_of_a_whole_one() {
+    let whole = with_object(MIDDLE, 0);
+    let look = binned(&reduced(&whole, 2), 2, Ok(&cutting()));
+    assert_eq!((look.picture.width(), look.scale), (640, 2));
+    let of_whole = color(&whole, Ok(&cutting()));
+    assert_eq!(look.picture, of_whole.picture);
+    assert_eq!(look.outline.unwrap(), of_whole.outline.unwrap());
+}
+
+#[test]
 fn an_object_that_the_frame_cuts_is_told_with_the_sides() {
     let part = PixelRect {
         x0: 0,

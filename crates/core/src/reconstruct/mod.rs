@@ -2,6 +2,7 @@
 //! parameters and the checks between them.
 
 pub mod depth;
+mod faired_surface;
 pub mod fairing;
 mod fused_captures;
 pub mod hull;

@@ -1,20 +1,20 @@
 //! Runs the stages in their order: no other file knows it. A stage's work is done in its own folder.
 
 use super::depth::{self, EnhancedDepth};
-use super::fairing::{self, Faired};
-use super::hull::{self, Cone, ExtractedSurface, Fairing, Hull};
+use super::faired_surface::{FairedSurface, FairingResult, PlainHull};
+use super::fairing;
+use super::hull::{self, Cone, Hull};
 use super::region::{self, Bias, HullRenderings, Regions};
 use super::restore::{self, Restored, Source, Template};
 use super::silhouette::{self, Silhouette};
-use super::surface::{Lattice, Solid};
+use super::surface::Solid;
 use super::texture;
 use super::uncertainty::{self, FairedHull, OutsideErrors, UnrequiredPiece};
 use super::{DepthView, FusedCaptures, Model, Progress, Scene, Stage, Texture};
 use crate::calibration::DepthCamera;
 use crate::image::Mask;
-use crate::mesh::{
-    Component, Mesh, Simplified, SimplifyError, check, components, simplify, vertex_normals,
-};
+use crate::mesh::{Mesh, Simplified, SimplifyError, simplify, vertex_normals};
+use nalgebra::Point3;
 use rayon::prelude::*;
 
 /// Which model is made.
@@ -176,19 +176,28 @@ pub fn reconstruct_from(
     let extracted = hull::extract(&hull, &lattice, &parameters.hull)?;
 
     begin(Stage::Fairing)?;
-    let faired = faired(
-        &hull,
-        &lattice,
-        &extracted,
-        fused_captures.is_of_several(),
-        &parameters.hull,
-    );
-    let (solid, start): (&dyn Solid, &ExtractedSurface) = match &faired {
-        Some(Ok((faired, extracted))) => (&faired.solid, extracted),
-        _ => (&hull, &extracted),
+    let plain = PlainHull {
+        hull: &hull,
+        lattice: &lattice,
+        extracted: &extracted,
+        is_fused: fused_captures.is_of_several(),
+        parameters: &parameters.hull,
     };
+    let faired = plain.faired();
 
     begin(Stage::Depth)?;
+    let inputs = DepthInputs {
+        scene,
+        fused_captures,
+        plain: &extracted.surface.mesh,
+        parameters,
+    };
+    let (faired, seen) = held_by_depth(&plain, faired, &inputs)?;
+    let start = plain.start(&faired);
+    let solid: &dyn Solid = match &faired {
+        Some(Ok(surface)) => &surface.faired.solid,
+        _ => &hull,
+    };
     let template = Template {
         hull: &hull,
         fused_captures,
@@ -199,18 +208,18 @@ pub fn reconstruct_from(
         front_threshold: parameters.region.front_threshold,
     };
     let faired_hull = match &faired {
-        Some(Ok((faired, _))) => Some(FairedHull {
+        Some(Ok(surface)) => Some(FairedHull {
             plain: &extracted.surface.mesh,
-            solid: &faired.solid,
+            solid: &surface.faired.solid,
         }),
         _ => None,
     };
-    let hulls = Hulls {
-        plain: &extracted.surface.mesh,
-        start: &start.surface.mesh,
-        errors: OutsideErrors::new(&hull, faired_hull, lattice.cell_size),
-    };
-    let mut depths = depths(scene, fused_captures, &hulls, parameters, &begin)?;
+
+    if parameters.method != Method::Hull {
+        begin(Stage::Region)?;
+    }
+    let errors = OutsideErrors::new(&hull, faired_hull, lattice.cell_size);
+    let mut depths = regions_of(scene, seen, &errors, parameters);
     let regions = depths.iter_mut().map(|d| (&d.enhanced, &mut d.regions));
     fused_captures.leave_each_region_to_one(&mut regions.collect::<Vec<_>>());
 
@@ -259,7 +268,7 @@ pub fn reconstruct_from(
         unproved_volume,
         unrequired_pieces,
         closed_openings: restored.closed_openings,
-        fairing: faired.map(|faired| faired.map(|(faired, _)| faired.facts)),
+        fairing: faired.map(|faired| faired.map(|surface| surface.faired.facts)),
         hull: extracted.surface.mesh,
     })
 }
@@ -305,59 +314,6 @@ fn paint(
     texture::paint_in_order(model, scene, &masks, &order, &parameters.texture)
 }
 
-/// The hull faired, with its surface, or why it is not; `None` where that is not asked for. `is_fused` says that the
-/// hull is that of several captures.
-fn faired(
-    hull: &Hull,
-    lattice: &Lattice,
-    extracted: &ExtractedSurface,
-    is_fused: bool,
-    parameters: &hull::Parameters,
-) -> Option<Result<(Faired, ExtractedSurface), fairing::Refusal>> {
-    match parameters.fairing {
-        Fairing::None => None,
-        Fairing::Touch => Some(faired_by_touch(
-            hull, lattice, extracted, is_fused, parameters,
-        )),
-    }
-}
-
-fn faired_by_touch(
-    hull: &Hull,
-    lattice: &Lattice,
-    extracted: &ExtractedSurface,
-    is_fused: bool,
-    parameters: &hull::Parameters,
-) -> Result<(Faired, ExtractedSurface), fairing::Refusal> {
-    use fairing::Refusal::{Open, OtherHandles, TooThin};
-    let faired = fairing::fair_hull(hull, lattice, &extracted.surface.mesh, parameters)?;
-    let surface = hull::extract_solid(&faired.solid, lattice, parameters).ok_or(TooThin)?;
-    if !check(&surface.surface.mesh).is_watertight() {
-        return Err(Open);
-    }
-    // A handle or a piece more or less is no rounding of the hull.
-    let after = handles(&surface.surface.mesh);
-    let before = handles(&extracted.surface.mesh);
-    if after != before && !(is_fused && is_simpler(&after, &before)) {
-        return Err(OtherHandles { before, after });
-    }
-    Ok((faired, surface))
-}
-
-/// Whether a surface has as many pieces, and no more handles. Contours of several captures err against each other, so
-/// that their hull may have a tunnel at a thin place; fairing fills it where all outlines bear that.
-fn is_simpler(after: &[i64], before: &[i64]) -> bool {
-    after.len() == before.len() && after.iter().zip(before).all(|(a, b)| a <= b)
-}
-
-/// For each piece of a mesh its handles, sorted.
-fn handles(mesh: &Mesh) -> Vec<i64> {
-    let pieces = components(mesh).parts;
-    let mut handles: Vec<i64> = pieces.iter().map(Component::genus).collect();
-    handles.sort_unstable();
-    handles
-}
-
 /// The silhouettes of a capture's colour views, in their order.
 ///
 /// # Errors
@@ -401,50 +357,108 @@ fn misplaced_volume(
     })
 }
 
-/// The surfaces that depth is compared with.
-struct Hulls<'a> {
-    /// That of the plain hull, which contains the object.
+/// What depth is compared with the hull by.
+struct DepthInputs<'a> {
+    scene: &'a Scene,
+    fused_captures: &'a FusedCaptures,
+    /// The plain hull's surface, which contains the object.
     plain: &'a Mesh,
-    /// That which regions are found on: the faired hull, if there is one.
-    start: &'a Mesh,
-    /// How far that is expected to be off.
-    errors: OutsideErrors<'a>,
+    parameters: &'a Parameters,
 }
 
-/// Enhances each depth view and finds its regions.
-fn depths(
-    scene: &Scene,
-    fused_captures: &FusedCaptures,
-    hulls: &Hulls,
-    parameters: &Parameters,
-    begin: &dyn Fn(Stage) -> Result<(), Error>,
-) -> Result<Vec<DepthResult>, Error> {
-    if parameters.method == Method::Hull {
-        return Ok(Vec::new());
+impl DepthInputs<'_> {
+    /// What each depth camera sees of `start`, the surface that regions are found on, with its depth enhanced; nothing
+    /// where the model is the hull alone.
+    fn see(&self, start: &Mesh) -> Result<Vec<DepthOfHull>, Error> {
+        let (scene, parameters) = (self.scene, self.parameters);
+        if parameters.method == Method::Hull {
+            return Ok(Vec::new());
+        }
+        let normals = vertex_normals(start);
+        let threshold = parameters.region.front_threshold;
+        let mut seen: Vec<DepthOfHull> = Vec::new();
+        for (i, view) in scene.depths.iter().enumerate() {
+            let front = HullRenderings::render(start, &normals, &view.camera, threshold);
+            let object = front.object_pixels(OBJECT_MARGIN_PX);
+            let enhanced = depth::enhance(view, &object, &parameters.depth)?;
+            let (in_rig, volume) = self.fused_captures.depth_in_its_rig(scene, i);
+            let plain = || self.plain_front(&view.camera);
+            let bias = region::bias(
+                plain,
+                in_rig,
+                &enhanced,
+                volume,
+                &object,
+                &parameters.region,
+            );
+            seen.push(DepthOfHull {
+                front,
+                object,
+                enhanced,
+                bias,
+            });
+        }
+        fuse_depths(scene, &mut seen);
+        Ok(seen)
     }
-    let normals = vertex_normals(hulls.start);
-    let threshold = parameters.region.front_threshold;
-    let mut seen: Vec<DepthOfHull> = Vec::new();
-    for (i, view) in scene.depths.iter().enumerate() {
-        let front = HullRenderings::render(hulls.start, &normals, &view.camera, threshold);
-        let object = front.object_pixels(OBJECT_MARGIN_PX);
-        let enhanced = depth::enhance(view, &object, &parameters.depth)?;
-        let (view, volume) = fused_captures.depth_in_its_rig(scene, i);
-        let camera = &scene.depths[i].camera;
-        let plain = || {
-            let normals = vertex_normals(hulls.plain);
-            HullRenderings::render(hulls.plain, &normals, camera, threshold)
+
+    /// The plain hull as a depth camera sees it.
+    fn plain_front(&self, camera: &DepthCamera) -> HullRenderings {
+        let normals = vertex_normals(self.plain);
+        let threshold = self.parameters.region.front_threshold;
+        HullRenderings::render(self.plain, &normals, camera, threshold)
+    }
+
+    /// The points of the faired hull in front of which depth cameras read the object.
+    fn read_in_front(&self, seen: &[DepthOfHull]) -> Vec<Point3<f64>> {
+        let of_camera = |(view, seen): (&DepthView, &DepthOfHull)| {
+            let camera = &view.camera;
+            let view = region::FairedHullView {
+                camera,
+                depth: &seen.enhanced,
+                bias: &seen.bias,
+                faired: &seen.front,
+            };
+            let plain = || self.plain_front(camera);
+            region::read_in_front(&view, plain, &self.parameters.region)
         };
-        let bias = region::bias(plain, view, &enhanced, volume, &object, &parameters.region);
-        seen.push(DepthOfHull {
-            front,
-            object,
-            enhanced,
-            bias,
-        });
+        self.scene
+            .depths
+            .iter()
+            .zip(seen)
+            .flat_map(of_camera)
+            .collect()
     }
-    fuse_depths(scene, &mut seen);
-    begin(Stage::Region)?;
+}
+
+/// What each depth camera sees of the surface that a model starts from, and how that was faired: not where a depth
+/// camera reads the object in front of it.
+fn held_by_depth(
+    plain: &PlainHull,
+    faired: FairingResult,
+    inputs: &DepthInputs,
+) -> Result<(FairingResult, Vec<DepthOfHull>), Error> {
+    let seen = inputs.see(&plain.start(&faired).surface.mesh)?;
+    let surface: FairedSurface = match faired {
+        Some(Ok(surface)) if !seen.is_empty() => surface,
+        other => return Ok((other, seen)),
+    };
+    let places = inputs.read_in_front(&seen);
+    let held = Some(plain.held_at(surface, &places));
+    if places.is_empty() {
+        return Ok((held, seen));
+    }
+    let seen = inputs.see(&plain.start(&held).surface.mesh)?;
+    Ok((held, seen))
+}
+
+/// Finds the regions in what each depth camera sees of a surface that is expected to be off by `errors`.
+fn regions_of(
+    scene: &Scene,
+    seen: Vec<DepthOfHull>,
+    errors: &OutsideErrors,
+    parameters: &Parameters,
+) -> Vec<DepthResult> {
     let find = |(view, seen): (&DepthView, DepthOfHull)| {
         let DepthOfHull {
             front,
@@ -454,10 +468,10 @@ fn depths(
         } = seen;
         let mut regions = region::find(front, &enhanced, bias, &object, &parameters.region);
         let camera = &view.camera;
-        add_free_space(&mut regions, &enhanced, &object, camera, hulls, parameters);
+        add_free_space(&mut regions, &enhanced, &object, camera, errors, parameters);
         DepthResult { enhanced, regions }
     };
-    Ok(scene.depths.iter().zip(seen).map(find).collect())
+    scene.depths.iter().zip(seen).map(find).collect()
 }
 
 /// Adds what a depth camera sees through although the hull claims it, if the model is carved in regions: the paper's
@@ -467,7 +481,7 @@ fn add_free_space(
     enhanced: &EnhancedDepth,
     object: &Mask,
     camera: &DepthCamera,
-    hulls: &Hulls,
+    errors: &OutsideErrors,
     parameters: &Parameters,
 ) {
     let form = parameters.restoration.form;
@@ -477,7 +491,7 @@ fn add_free_space(
     let doubt = region::Doubt {
         bias: region::stated_bias(camera, &parameters.region),
         least_pixels: parameters.restoration.least_opening_px,
-        hull_errors: &|places| hulls.errors.along_views(camera, places),
+        hull_errors: &|places| errors.along_views(camera, places),
     };
     region::add_free_space(regions, enhanced, object, &doubt, &parameters.region);
 }

@@ -176,6 +176,18 @@ impl ColorRig {
         Ok(())
     }
 
+    /// Sends a camera's pictures over a link of so many bytes a second; 0 for one without a limit.
+    pub fn set_link(&self, id: &CameraId, bytes_per_second: u64) -> Result<(), Error> {
+        self.station(id)?.scene.set_link(bytes_per_second);
+        Ok(())
+    }
+
+    /// Sends the first picture after a change of a camera's binning this much later.
+    pub fn set_switch_time(&self, id: &CameraId, time: Duration) -> Result<(), Error> {
+        self.station(id)?.scene.set_switch_time(time);
+        Ok(())
+    }
+
     /// Stops a camera's clock, or lets it go on.
     pub fn freeze_clock(&self, id: &CameraId, frozen: bool) {
         self.with(id, |player| player.freeze_clock(frozen));

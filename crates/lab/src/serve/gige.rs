@@ -9,13 +9,15 @@ use parking_lot::Mutex;
 use std::ffi::c_void;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, AtomicU64, AtomicUsize, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU32, AtomicU64, AtomicUsize, Ordering};
 use std::time::{Duration, Instant};
 
 /// Registers of the simulator (`arvfakecamera.h`) and of every GigE Vision camera (GigE Vision 2.0, chapter 28).
 mod register {
     pub(super) const WIDTH: u32 = 0x100;
     pub(super) const HEIGHT: u32 = 0x104;
+    pub(super) const BINNING_HORIZONTAL: u32 = 0x108;
+    pub(super) const BINNING_VERTICAL: u32 = 0x10c;
     pub(super) const SENSOR_HEIGHT: u32 = 0x118;
     pub(super) const SENSOR_WIDTH: u32 = 0x11c;
     pub(super) const PIXEL_FORMAT: u32 = 0x128;
@@ -37,6 +39,11 @@ pub(super) struct Scene {
     served: AtomicU64,
     next: AtomicUsize,
     delay_ns: AtomicU64,
+    /// Bytes a second of its link; 0 of one that is as fast as the machine.
+    link: AtomicU64,
+    switch_ns: AtomicU64,
+    /// Pixels a side that its last picture had joined.
+    joined: AtomicU32,
     loss: Mutex<f64>,
     frozen: Mutex<Option<u64>>,
     broken: AtomicBool,
@@ -55,6 +62,9 @@ impl Scene {
             served: AtomicU64::new(0),
             next: AtomicUsize::new(0),
             delay_ns: AtomicU64::new(0),
+            link: AtomicU64::new(0),
+            switch_ns: AtomicU64::new(0),
+            joined: AtomicU32::new(1),
             loss: Mutex::new(0.0),
             frozen: Mutex::new(None),
             broken: AtomicBool::new(false),
@@ -85,6 +95,30 @@ impl Scene {
     pub(super) fn set_delay(&self, delay: Duration) {
         self.delay_ns
             .store(delay.as_nanos() as u64, Ordering::Relaxed);
+    }
+
+    /// How many bytes of a picture its link carries in a second; 0 for no limit.
+    pub(super) fn set_link(&self, bytes_per_second: u64) {
+        self.link.store(bytes_per_second, Ordering::Relaxed);
+    }
+
+    /// How much later the first picture comes that joins another number of pixels than the one before.
+    pub(super) fn set_switch_time(&self, time: Duration) {
+        self.switch_ns
+            .store(time.as_nanos() as u64, Ordering::Relaxed);
+    }
+
+    /// How long a picture of so many bytes takes, with `joined` pixels a side joined.
+    fn time_to_send(&self, bytes: usize, joined: u32) -> Duration {
+        let mut ns = self.delay_ns.load(Ordering::Relaxed);
+        let link = self.link.load(Ordering::Relaxed);
+        if link > 0 {
+            ns += bytes as u64 * 1_000_000_000 / link;
+        }
+        if self.joined.swap(joined, Ordering::Relaxed) != joined {
+            ns += self.switch_ns.load(Ordering::Relaxed);
+        }
+        Duration::from_nanos(ns)
     }
 
     /// It was seen to be triggered. Only the first time since the last picture counts.
@@ -148,6 +182,16 @@ pub(super) struct Player {
 /// What the callback is given.
 struct Context {
     clock: Clock,
+    registers: FakeCamera,
+}
+
+impl Context {
+    /// Pixels a side that are joined: 1 unless both directions are set to the same number.
+    fn joined(&self) -> u32 {
+        let read = |register| self.registers.read_register(register).unwrap_or(1);
+        let [across, down] = [register::BINNING_HORIZONTAL, register::BINNING_VERTICAL].map(read);
+        if across == down { across.max(1) } else { 1 }
+    }
 }
 
 impl Player {
@@ -170,6 +214,7 @@ impl Player {
         clock.scene.filled_ns.store(0, Ordering::Relaxed);
         let context = Box::new(Context {
             clock: clock.clone(),
+            registers: registers.clone(),
         });
         // SAFETY: the callback's signature is the library's; the context lives as long as the simulator, whose thread
         // is joined when it is dropped, before the context is.
@@ -187,6 +232,8 @@ impl Player {
             (register::WIDTH, first.width),
             (register::HEIGHT, first.height),
             (register::PIXEL_FORMAT, first.code),
+            (register::BINNING_HORIZONTAL, 1),
+            (register::BINNING_VERTICAL, 1),
         ] {
             registers.write_register(register, value);
         }
@@ -308,18 +355,51 @@ unsafe extern "C" fn fill(
         // in its registers (arv_fake_camera_fill_buffer), which are what is read here, on the same thread.
         let pixels = unsafe { std::slice::from_raw_parts_mut(buffer.data().0, length) };
         let scene = &context.clock.scene;
+        let offset = (buffer.image_x(), buffer.image_y());
+        let by = context.joined();
         match scene.picture().filter(|picture| picture.code == format) {
-            Some(picture) => crop(
-                &picture,
-                (buffer.image_x(), buffer.image_y()),
-                width,
-                pixels,
-            ),
+            Some(picture) if by > 1 => crop(&joined(&picture, by), offset, width, pixels),
+            Some(picture) => crop(&picture, offset, width, pixels),
             None => pixels.fill(0),
         }
-        std::thread::sleep(Duration::from_nanos(scene.delay_ns.load(Ordering::Relaxed)));
+        std::thread::sleep(scene.time_to_send(length, by));
         scene.served.fetch_add(1, Ordering::Release);
     }));
+}
+
+/// Numbers of the formats with a Bayer pattern (GenICam Pixel Format Naming Convention).
+const BAYER: std::ops::RangeInclusive<u32> = 0x0108_0008..=0x0108_000b;
+
+/// A picture whose pixels are the means of squares of `by` pixels a side; with a Bayer pattern, each of one colour.
+fn joined(picture: &Pixels, by: u32) -> Pixels {
+    let bytes = picture.pixel_bytes();
+    let by = by as usize;
+    let period = if BAYER.contains(&picture.code) { 2 } else { 1 };
+    let (width, height) = (picture.width as usize / by, picture.height as usize / by);
+    let from = |at: usize, i: usize| at / period * period * by + at % period + period * i;
+    let last = (picture.width as usize - 1, picture.height as usize - 1);
+    let mut data = Vec::with_capacity(width * height * bytes);
+    for y in 0..height {
+        for x in 0..width {
+            for channel in 0..bytes {
+                let value = |i: usize| {
+                    let column = from(x, i % by).min(last.0);
+                    let row = from(y, i / by).min(last.1);
+                    let at = (row * picture.width as usize + column) * bytes + channel;
+                    u32::from(picture.data[at])
+                };
+                let count = (by * by) as u32;
+                let sum: u32 = (0..by * by).map(value).sum();
+                data.push(((sum + count / 2) / count) as u8);
+            }
+        }
+    }
+    Pixels {
+        width: width as u32,
+        height: height as u32,
+        code: picture.code,
+        data: data.into(),
+    }
 }
 
 /// Copies the part of a picture that a client asked for; beyond its edges it is black.
@@ -343,6 +423,27 @@ fn crop(picture: &Pixels, offset: (i32, i32), width: i32, out: &mut [u8]) {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn pixels_of_one_colour_are_joined() {
+        let picture = |code, data: Vec<u8>| Pixels {
+            width: 4,
+            height: 4,
+            code,
+            data: data.into(),
+        };
+        // Each colour of the pattern has a value of its own.
+        let row = |a: u8, b: u8| [a, b, a, b];
+        let bayer = [row(1, 2), row(3, 4), row(1, 2), row(3, 4)].concat();
+        let small = joined(&picture(0x0108_0008, bayer), 2);
+        assert_eq!((small.width, small.height), (2, 2));
+        assert_eq!(small.data[..], [1, 2, 3, 4]);
+        let grey = (0..16).collect();
+        assert_eq!(
+            joined(&picture(0x0108_0001, grey), 2).data[..],
+            [3, 5, 11, 13]
+        );
+    }
 
     #[test]
     fn a_region_is_cut_out_and_black_beyond_the_picture() {

@@ -4,7 +4,9 @@
 use super::CaptureThread;
 use crate::daemon::look::{CameraLook, LookTask};
 use crate::daemon::rig::{RigLook, State};
+use crate::drivers::live::LookResult;
 use crate::frame::{CameraId, Stream, Timestamp};
+use crate::log;
 use crossbeam_channel::{Receiver, after, never};
 use std::time::{Duration, Instant};
 
@@ -88,10 +90,18 @@ impl CaptureThread {
 
     fn show_look(&mut self, look: RigLook) {
         let RigLook { camera, outcome } = look;
-        let (frames, lost) = match outcome {
+        let LookResult {
+            frames,
+            lost,
+            is_binned,
+            why_whole,
+        } = match outcome {
             Ok(found) => found,
             Err(fault) => return self.show_reason(&camera, fault.to_string()),
         };
+        if let Some(why) = self.looking.new_reason(&camera, why_whole.as_deref()) {
+            log::notice!("camera {camera}: {why}");
+        }
         // A depth camera's own colours are no part of a model.
         let frame = frames.into_iter().find(|f| f.stream != Stream::DepthColor);
         let Some(frame) = frame else {
@@ -102,7 +112,12 @@ impl CaptureThread {
         let background = self.plan.header.backgrounds.get(&camera);
         let background = background.map(|(_, picture)| picture.clone());
         if let Some(maker) = &mut self.looking.maker {
-            maker.make(LookTask { frame, background });
+            maker.make(LookTask {
+                frame,
+                background,
+                is_binned,
+                why_whole,
+            });
         }
     }
 

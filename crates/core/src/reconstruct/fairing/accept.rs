@@ -59,23 +59,39 @@ pub(super) fn keep_hull(
             thin: share(&|v| f64::from(thin[v])),
         });
     }
-    for v in 0..shape.len() {
-        let way = shape.positions[v] - before[v];
-        shape.positions[v] = before[v] + way * (1.0 - keep[v]);
-        if keep[v] > 0.0 && matches!(shape.roles[v], Role::Side(_)) {
-            shape.roles[v] = Role::Edge;
-        }
-    }
-    shape.kept = keep;
-    let moved = |v: &usize| (shape.positions[*v] - before[*v]).norm() > 0.5e-3;
+    return_to_hull(shape, before, keep);
     let (rms, p99) = statistics(&pieces);
     Ok(Facts {
         contour_rms_px: times * rms,
         contour_p99_px: times * p99,
         kept,
-        moved_area: (0..shape.len()).filter(moved).map(|v| areas[v]).sum(),
+        held_by_depth_area: None,
+        moved_area: moved_area(shape, before, &areas),
         area,
     })
+}
+
+/// Moves each vertex back until it has gone as much of its way to the hull, `before`, as `keep` says, 0 (faired) to 1
+/// (the hull); none may have gone more of it already.
+pub(super) fn return_to_hull(shape: &mut Shape, before: &[Point3<f64>], keep: Vec<f64>) {
+    for v in 0..shape.len() {
+        let (was_left, left) = (1.0 - shape.kept[v], 1.0 - keep[v]);
+        if was_left > 0.0 {
+            let way = shape.positions[v] - before[v];
+            shape.positions[v] = before[v] + way * (left / was_left);
+        }
+        if keep[v] > 0.0 && matches!(shape.roles[v], Role::Side(_)) {
+            shape.roles[v] = Role::Edge;
+        }
+    }
+    shape.kept = keep;
+}
+
+/// Of the `areas` around the vertices those that lie more than half a millimetre from the hull, `before`; in square
+/// metres.
+pub(super) fn moved_area(shape: &Shape, before: &[Point3<f64>], areas: &[f64]) -> f64 {
+    let moved = |v: &usize| (shape.positions[*v] - before[*v]).norm() > 0.5e-3;
+    (0..shape.len()).filter(moved).map(|v| areas[v]).sum()
 }
 
 /// Points of an outline in a picture by pixel, each with its distance to the contour and its vertices.
@@ -195,7 +211,7 @@ fn too_thin(shape: &Shape, before: &[Point3<f64>]) -> Vec<bool> {
 }
 
 /// For each vertex how much of it is the hull: 1 where it is `bad`, falling to 0 some rings away.
-fn passage(shape: &Shape, bad: &[bool]) -> Vec<f64> {
+pub(super) fn passage(shape: &Shape, bad: &[bool]) -> Vec<f64> {
     let mut rings = vec![usize::MAX; shape.len()];
     let mut front: Vec<usize> = (0..shape.len()).filter(|&v| bad[v]).collect();
     front.iter().for_each(|&v| rings[v] = 0);

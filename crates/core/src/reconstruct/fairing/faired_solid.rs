@@ -77,6 +77,11 @@ impl FairedSolid {
         solid
     }
 
+    /// The solid that the surface of another `shape` bounds, with the same flat sides and tables, on the same lattice.
+    pub(super) fn with_shape(self, shape: &Shape) -> Self {
+        Self::new(shape, self.sides, self.lattice, self.bounds)
+    }
+
     /// Whether the surface at a point near it is a flat side between certain edges.
     pub fn is_on_side(&self, p: Point3<f64>) -> bool {
         self.best(p)

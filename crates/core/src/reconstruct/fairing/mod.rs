@@ -7,7 +7,7 @@
 //!   hull;
 //! - `rounds` is one estimate of how far each vertex moves, `solve` its equations;
 //! - `curved` is the smooth surface that a mesh stands for, `transfer` begins a finer mesh on it;
-//! - `accept` keeps the hull where the outlines do not agree;
+//! - `accept` keeps the hull where the outlines do not agree, `held` where something else shows that it has to stay;
 //! - `faired_solid` is the result as a solid: `nearest` finds the triangle that is nearest to each corner of the
 //!   lattice near the surface, and `columns` finds which of the other corners lie inside.
 
@@ -19,6 +19,7 @@ mod corners;
 mod curved;
 mod faired_solid;
 mod flat;
+mod held;
 mod nearest;
 mod reduced;
 mod rounds;
@@ -82,6 +83,24 @@ pub struct Faired {
     pub solid: FairedSolid,
     /// How it came out.
     pub facts: Facts,
+    /// The mesh that the solid's surface runs through.
+    shape: Shape,
+    /// Where the mesh's vertices were on the hull.
+    start: Vec<Point3<f64>>,
+}
+
+impl Faired {
+    /// The same hull, but not faired at `places` on its surface (in the hull's frame), where depth cameras read the
+    /// object in front of it. Around them it passes over into the faired surface.
+    pub fn held_at(mut self, places: &[Point3<f64>]) -> Self {
+        if places.is_empty() {
+            self.facts.held_by_depth_area = Some(0.0);
+            return self;
+        }
+        held::keep_hull_at(&mut self.shape, &self.start, places, &mut self.facts);
+        self.solid = self.solid.with_shape(&self.shape);
+        self
+    }
 }
 
 /// How a fairing came out.
@@ -93,8 +112,12 @@ pub struct Facts {
     pub contour_rms_px: f64,
     /// What 99 % of these distances are below, in pixels of the pictures.
     pub contour_p99_px: f64,
-    /// Share of the surface that stays the hull, because outlines do not agree there.
+    /// Share of the surface that stays the hull, because outlines do not agree there, a part would become too thin, or
+    /// depth cameras read the object in front of the faired surface.
     pub kept: f64,
+    /// Area that stays the hull because of what depth cameras read, in square metres; `None` where none was asked.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub held_by_depth_area: Option<f64>,
     /// Area that moved by more than 0.5 mm, in square metres.
     pub moved_area: f64,
     /// The hull's area, in square metres.
@@ -188,7 +211,12 @@ pub fn fair_hull(
     shape.update_normals();
     let facts = accept::keep_hull(&mut shape, &start, &contours, times as f64)?;
     let solid = FairedSolid::new(&shape, sides, *lattice, hull.bounds().clone());
-    Ok(Faired { solid, facts })
+    Ok(Faired {
+        solid,
+        facts,
+        shape,
+        start,
+    })
 }
 
 /// The hull's mesh for each of the [`LEVELS`], with the edges that silhouettes show.

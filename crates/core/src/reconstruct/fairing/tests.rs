@@ -88,18 +88,25 @@ fn volume() -> Volume {
     .unwrap()
 }
 
+fn hull_of<'a>(cameras: &'a [Camera], levels: &'a [Grid<u8>]) -> Hull<'a> {
+    let pairs = cameras.iter().zip(levels);
+    let cones = pairs.map(|(c, l)| Cone::new(c, l)).collect();
+    Hull::new(cones, volume(), 2)
+}
+
+fn parameters() -> hull::Parameters {
+    hull::Parameters {
+        resolution: 90.0,
+        ..hull::Parameters::default()
+    }
+}
+
 /// The plain hull's mesh, and the faired one's with its facts.
 fn faired(
     cameras: &[Camera],
     levels: &[Grid<u8>],
 ) -> (Mesh, Result<(Facts, ExtractedSurface), Refusal>) {
-    let pairs = cameras.iter().zip(levels);
-    let cones = pairs.map(|(c, l)| Cone::new(c, l)).collect();
-    let parameters = hull::Parameters {
-        resolution: 90.0,
-        ..hull::Parameters::default()
-    };
-    let hull = Hull::new(cones, volume(), 2);
+    let (hull, parameters) = (hull_of(cameras, levels), parameters());
     let lattice = hull::lattice(&hull, &parameters).unwrap();
     let plain = hull::extract(&hull, &lattice, &parameters)
         .unwrap()
@@ -160,6 +167,54 @@ fn between_views_a_box_is_flat_and_its_edges_stay() {
         let nearest = nearest.fold(f64::INFINITY, f64::min);
         assert!(nearest < 1e-3, "{nearest}");
     }
+}
+
+#[test]
+fn at_places_in_front_of_which_the_object_was_read_the_hull_stays_and_nowhere_else() {
+    let cameras = ring(11, 640);
+    let levels: Vec<_> = cameras.iter().map(cuboid).collect();
+    let (hull, parameters) = (hull_of(&cameras, &levels), parameters());
+    let lattice = hull::lattice(&hull, &parameters).unwrap();
+    let extracted = hull::extract(&hull, &lattice, &parameters).unwrap();
+    let plain = extracted.surface.mesh;
+    let surface = |faired: &Faired| {
+        let extracted = hull::extract_solid(&faired.solid, &lattice, &parameters);
+        extracted.unwrap().surface.mesh
+    };
+    let faired = fair_hull(&hull, &lattice, &plain, &parameters).unwrap();
+    let (smooth, facts) = (surface(&faired), faired.facts);
+    assert_eq!(facts.held_by_depth_area, None);
+
+    let faired = faired.held_at(&[]);
+    assert!(surface(&faired) == smooth);
+    let none = Facts {
+        held_by_depth_area: Some(0.0),
+        ..facts
+    };
+    assert_eq!(faired.facts, none);
+
+    // Over the flat top, on which no outline lies but its edges, the plain hull is a roof.
+    let held = faired.held_at(&[Point3::new(0.0, 0.0, 2.0 * BOX[2])]);
+    let mesh = surface(&held);
+    assert!(check(&mesh).is_watertight());
+    let middle = |mesh: &Mesh| {
+        let near = mesh.vertices.iter().filter(|v| v.x.hypot(v.y) < 2e-3);
+        near.map(|v| f64::from(v.z)).fold(0.0, f64::max)
+    };
+    let [top, roof, found] = [&smooth, &plain, &mesh].map(middle);
+    assert!(roof - top > 1e-3, "{top} {roof}");
+    assert!(found - top > 0.6 * (roof - top), "{top} {found} {roof}");
+    let widest = |mesh: &Mesh| {
+        let low = mesh.vertices.iter().filter(|v| v.z < 0.03);
+        let widths = low.map(|v| v.x.abs().max(v.y.abs()));
+        widths.fold(0.0, f32::max)
+    };
+    assert!((widest(&mesh) - widest(&smooth)).abs() < 1e-6);
+    // A few cells around the place.
+    let area = held.facts.held_by_depth_area.unwrap();
+    assert!((2e-5..1e-3).contains(&area), "{area}");
+    assert!((held.facts.kept - facts.kept - area / facts.area).abs() < 1e-9);
+    assert!(held.facts.moved_area < facts.moved_area);
 }
 
 #[test]

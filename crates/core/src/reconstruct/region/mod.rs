@@ -7,18 +7,21 @@
 //! - `hollow` measures how far the measured surface itself lies behind its own rims;
 //! - `support` decides which holes of the depth lie between a hollow's readings;
 //! - `segment` is the paper's segmentation (equation 5) of the difference;
-//! - `free_space` adds what a depth camera sees through although the hull claims it.
+//! - `free_space` adds what a depth camera sees through although the hull claims it;
+//! - `in_front` tells where a depth camera reads the object in front of a hull that was faired.
 
 mod bias;
 mod free_space;
 mod front;
 mod hollow;
+mod in_front;
 mod segment;
 mod support;
 
 pub use bias::{Bias, BiasSource, stated_bias};
 pub use free_space::{DepthPixel, Doubt, add_free_space};
 pub use front::{HullRenderings, front_vertices};
+pub use in_front::{FairedHullView, read_in_front};
 
 use crate::calibration::Volume;
 use crate::image::{Grid, Mask};

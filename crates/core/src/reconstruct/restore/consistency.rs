@@ -1,5 +1,6 @@
 //! A restored model must still cover every silhouette. If a colour camera saw the object where it would now look
-//! through an opening, the carving was too deep there and is undone.
+//! through an opening, the carving was too deep there and is undone. Where depth sees far behind all that could close
+//! the opening, and few rays are open, the silhouette is ragged: it is not undone, or a fin would stand in the hollow.
 
 use super::Template;
 use crate::calibration::Volume;
@@ -12,6 +13,14 @@ use rayon::prelude::*;
 
 /// Longest side of the pictures in which coverage is checked, in pixels.
 const CHECKED_SIDE: f64 = 640.0;
+
+/// A carving may be off by this many of the depth camera's pixels beside a step: what is farther than that from its
+/// surface was seen to be empty.
+const MISPLACED_PX: isize = 2;
+
+/// Rays of each colour camera, on average, through what depth saw to be empty that a ragged silhouette may explain. Of
+/// more, the depth camera is displaced.
+const RAGGED_RAYS: usize = 4;
 
 /// Undoes in `depths` (a grid for each of `carvings`, from which they were made) what opened `carved`, the
 /// surface of the template carved by them, to the sight of a colour camera. Returns how many rays were closed.
@@ -28,14 +37,31 @@ pub(super) fn close_openings(
         .par_iter()
         .flat_map_iter(|cone| openings(cone, template, carved, carvings, cell_size))
         .collect();
-    for &p in &open {
+    let closed = to_close(&open, template.hull.cones().len(), carvings, cell_size);
+    for &p in &closed {
         for (carving, depth) in carvings.iter().zip(&mut *depths) {
             if carving.carved_depth(p).is_some_and(|off| off > 0.0) {
                 keep(p, carving, depth, cell_size);
             }
         }
     }
-    open.len()
+    closed.len()
+}
+
+/// Those of the points at which rays of `cameras` colour cameras are `open` that are to be closed.
+fn to_close(
+    open: &[Point3<f64>],
+    cameras: usize,
+    carvings: &[Carving],
+    cell_size: f64,
+) -> Vec<Point3<f64>> {
+    let is_doubtful = |p: &Point3<f64>| carvings.iter().all(|c| may_be_undone(*p, c, cell_size));
+    let (doubtful, empty): (Vec<_>, Vec<_>) = open.iter().copied().partition(is_doubtful);
+    if empty.len() <= RAGGED_RAYS * cameras {
+        doubtful
+    } else {
+        open.to_vec()
+    }
 }
 
 /// For each pixel of a silhouette that the carved surface no longer covers: the point of the hull on its ray
@@ -119,6 +145,25 @@ fn within(volume: &Volume, origin: Point3<f64>, direction: Vector3<f64>) -> Opti
     (enters <= leaves).then_some((enters, leaves))
 }
 
+/// Whether a carving leaves a point, or takes it off beside what it leaves: with its surface displaced by
+/// [`MISPLACED_PX`] it would not.
+fn may_be_undone(p: Point3<f64>, carving: &Carving, cell_size: f64) -> bool {
+    if carving.carved_depth(p).is_none_or(|off| off <= 0.0) {
+        return true;
+    }
+    let Some((pixel, z)) = carving.camera().project(p) else {
+        return true;
+    };
+    (-MISPLACED_PX..=MISPLACED_PX).any(|dy| {
+        (-MISPLACED_PX..=MISPLACED_PX).any(|dx| {
+            let beside = Point2::new(pixel.x + dx as f64, pixel.y + dy as f64);
+            carving
+                .depth_at(beside)
+                .is_none_or(|depth| depth - z <= cell_size)
+        })
+    })
+}
+
 /// Keeps a carving from taking off a point: the pixels around carve no further than before it.
 fn keep(p: Point3<f64>, carving: &Carving, depth: &mut Grid<f32>, cell_size: f64) {
     let Some((pixel, z)) = carving.camera().project(p) else {
@@ -131,5 +176,46 @@ fn keep(p: Point3<f64>, carving: &Carving, depth: &mut Grid<f32>, cell_size: f64
             let kept = &mut depth[(x as usize, y as usize)];
             *kept = kept.min((z - cell_size) as f32);
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::reconstruct::restore::testing::{SIDE, camera};
+
+    #[test]
+    fn what_depth_saw_empty_far_around_is_not_filled_up_again() {
+        let camera = camera(0.8);
+        // A wall's top at 0.7 m on the left, a floor at 0.8 m on the right.
+        let first_of_floor = SIDE / 2;
+        let depth = Grid::from_fn(
+            SIDE,
+            SIDE,
+            |x, _| if x < first_of_floor { 0.7 } else { 0.8 },
+        );
+        let carving = Carving::new(&camera, depth, 1e-3);
+        let undone = |x: f64, depth: f64| {
+            let ray = camera.camera.ray(Point2::new(x, 5.0)).unwrap();
+            may_be_undone(camera.camera.center() + ray * depth, &carving, 1e-3)
+        };
+        let floor = first_of_floor as f64;
+        // Beside the wall it may be that the wall is misplaced; over the floor something would stand in free space.
+        assert!(undone(floor + 0.9, 0.702));
+        assert!(!undone(floor + 2.5, 0.702));
+        // What is hardly carved may be undone anywhere.
+        assert!(undone(floor + 2.5, 0.7995));
+    }
+
+    #[test]
+    fn a_few_rays_over_what_depth_saw_empty_stay_open_and_a_strip_of_them_is_closed() {
+        let camera = camera(0.8);
+        let depth = Grid::filled(SIDE, SIDE, 0.8);
+        let carvings = [Carving::new(&camera, depth, 1e-3)];
+        let above =
+            camera.camera.center() + camera.camera.ray(Point2::new(5.0, 5.0)).unwrap() * 0.7;
+        let closed = |rays: usize| to_close(&vec![above; rays], 2, &carvings, 1e-3).len();
+        assert_eq!(closed(2 * RAGGED_RAYS), 0);
+        assert_eq!(closed(2 * RAGGED_RAYS + 1), 2 * RAGGED_RAYS + 1);
     }
 }

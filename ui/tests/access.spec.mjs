@@ -1,0 +1,107 @@
+// Who may see and do what: links, sessions and their end, a viewer, TLS, and the headers of every answer.
+import { enter, expect, inGerman, sign, test, watch } from "./fixtures.mjs";
+
+test("a link begins one session, its token leaves the address, and without a session nothing is shown", async ({ page, rig, browser, expected }) => {
+  expected.push("401", "403");
+  await page.goto(`http://127.0.0.1:${rig.port}/`);
+  await expect(page.locator("pre")).toHaveText("scand page pair");
+  // A link that is opened where the page is already changes nothing but what is behind `#`.
+  const link = rig.link();
+  await page.goto(link);
+  await expect(page.locator("nav")).toBeVisible();
+  expect(page.url()).not.toContain("pair");
+  const [cookie] = await page.context().cookies();
+  expect(cookie).toMatchObject({ httpOnly: true, sameSite: "Strict" });
+  const other = await browser.newPage();
+  await other.goto(link);
+  await expect(other.getByRole("alert")).toContainText("was used");
+  await other.close();
+});
+
+test("every answer has its headers, and another name is refused", async ({ page, rig }) => {
+  await enter(page, rig);
+  const answer = await page.request.get(`http://127.0.0.1:${rig.port}/`);
+  const headers = answer.headers();
+  expect(headers["content-security-policy"]).toContain("default-src 'none'");
+  expect(headers["content-security-policy"]).toContain("frame-ancestors 'none'");
+  expect(headers["content-security-policy"]).not.toContain("unsafe-inline");
+  expect(headers["x-content-type-options"]).toBe("nosniff");
+  const renamed = await page.request.get(`http://127.0.0.1:${rig.port}/`, { headers: { Host: "rig.evil.example" } });
+  expect(renamed.status()).toBe(421);
+  const framed = await page.evaluate(async () => {
+    const found = await fetch("/licences.txt");
+    return (await found.text()).includes("three");
+  });
+  expect(framed).toBe(true);
+});
+
+test("a viewer sees everything and has nothing to press", async ({ page, rig, expected }) => {
+  expected.push("403");
+  await enter(page, rig, "viewer");
+  await sign(page, "ready", "green", "amber");
+  await expect(page.getByRole("button", { name: "Press", exact: true })).toHaveCount(0);
+  const refused = await page.evaluate(async () => {
+    const me = await (await fetch("/api/me")).json();
+    const headers = { "Content-Type": "application/json", "X-Scand-Token": me.token };
+    const answer = await fetch("/api/press", { method: "POST", headers, body: `{"press_id":"page-viewer"}` }).catch(() => null);
+    return answer.status;
+  }).catch(String);
+  expect(refused).toBe(403);
+});
+
+test("a session that is ended on the page is over, and a reload brings nothing back", async ({ page, rig, expected }) => {
+  expected.push("401");
+  await enter(page, rig, "viewer");
+  await page.getByRole("button", { name: "End this session" }).click();
+  await expect(page.locator("pre")).toHaveText("scand page pair");
+  await page.reload();
+  await expect(page.locator("pre")).toHaveText("scand page pair");
+  await expect(page.locator("nav")).toHaveCount(0);
+});
+
+test("a session that is revoked by its name is over on its own page alone, and a new link begins one there", async ({ page, rig, browser, expected }) => {
+  expected.push("401");
+  const listed = () => {
+    const lines = rig.scand("page", "sessions", "--config", "page.toml").trim().split("\n");
+    return lines.map((line) => line.split(" ")[0]);
+  };
+  const before = listed();
+  await enter(page, rig);
+  const [own] = listed().filter((id) => !before.includes(id));
+  const other = await browser.newPage();
+  const watched = watch(other);
+  await enter(other, rig, "viewer");
+  await page.getByRole("link", { name: "State" }).click();
+  await expect(page.locator(".cameras .card")).toHaveCount(rig.options.cameras);
+  expect(rig.scand("page", "revoke", own, "--config", "page.toml")).toContain("1 session ended");
+  // Within four seconds, by docs/page.md; a machine that is busy may take longer.
+  await expect(page.getByRole("heading", { name: "Who are you?" })).toBeVisible({ timeout: 15_000 });
+  await expect(page.getByRole("alert")).toContainText("This session is over");
+  await expect(page.locator(".cameras .card")).toHaveCount(0);
+  await expect(page.locator("nav")).toHaveCount(0);
+  await inGerman(page, () => expect(page.getByRole("alert")).toContainText("Diese Sitzung ist zu Ende")); // German
+  await sign(other, "ready", "green", "amber", "red");
+  await page.goto(rig.link("viewer"));
+  await sign(page, "ready", "green", "amber", "red");
+  await expect(page.getByRole("alert")).toHaveCount(0);
+  await expect(page.getByRole("button", { name: "Press", exact: true })).toHaveCount(0);
+  expect(watched.errors).toEqual([]);
+  await other.close();
+});
+
+test("over TLS, with a certificate of the administrator's, the session's cookie never leaves TLS", async ({ browser, rig }) => {
+  const origin = await rig.startPageWithTls();
+  const context = await browser.newContext({ ignoreHTTPSErrors: true });
+  const page = await context.newPage();
+  const watched = watch(page);
+  await page.goto(`${origin}/${rig.token("viewer", "page-tls.toml")}`);
+  await sign(page, "ready", "green", "amber", "red");
+  const [cookie] = await context.cookies();
+  expect(cookie).toMatchObject({ name: "__Host-scand", secure: true, httpOnly: true, sameSite: "Strict" });
+  const plain = await page.request.get(origin.replace("https", "http")).catch(() => null);
+  expect(plain).toBe(null);
+  expect(watched.foreign).toEqual([]);
+  expect(watched.errors).toEqual([]);
+  await context.close();
+  await rig.stop("page-tls");
+});

@@ -1,0 +1,40 @@
+// What a page shows when its connection breaks, when it slept, and when nothing answers as it is opened.
+import { enter, expect, shot, sign, test } from "./fixtures.mjs";
+
+test("a connection that falls silent is told, and what is shown is so again when it is back", async ({ page, rig, expected }) => {
+  expected.push("net::ERR");
+  await enter(page, rig, "viewer", rig.wirePort);
+  await sign(page, "ready", "green", "amber");
+  rig.wire.cut();
+  await sign(page, "unknown");
+  await expect(page.locator(".facts li")).toHaveCount(0);
+  await shot(page, "unknown");
+  rig.wire.mend();
+  await sign(page, "ready", "green", "amber");
+});
+
+test("a tablet that slept shows nothing old when it wakes, by the clock on the wall", async ({ page, rig, expected }) => {
+  expected.push("net::ERR");
+  await enter(page, rig, "viewer", rig.wirePort);
+  await sign(page, "ready", "green", "amber", "red", "failed");
+  rig.wire.cut();
+  // The monotonic clock stood still meanwhile; by it alone the last word would count for six seconds at least.
+  await page.evaluate(() => {
+    const now = Date.now.bind(Date);
+    Date.now = () => now() + 3_600_000;
+  });
+  await expect(page.locator("[data-sign]")).toHaveAttribute("data-sign", "unknown", { timeout: 4000 });
+  rig.wire.mend();
+  await sign(page, "ready", "green", "amber", "red", "failed");
+});
+
+test("a page that is opened while the rig does not answer says so, and goes on by itself", async ({ page, rig, expected }) => {
+  expected.push("net::ERR");
+  await enter(page, rig, "viewer");
+  await page.route("**/api/me", (route) => route.abort());
+  await page.reload();
+  await expect(page.getByRole("heading", { name: "No connection" })).toBeVisible();
+  await expect(page.locator("pre")).toHaveCount(0);
+  await page.unroute("**/api/me");
+  await expect(page.locator("nav")).toBeVisible();
+});

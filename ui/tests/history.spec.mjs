@@ -1,0 +1,186 @@
+// What was scanned: captures, their models in the viewer, photographs, comparisons and downloads.
+import { readFileSync, readdirSync, statSync } from "node:fs";
+import { enter, expect, make, shot, test } from "./fixtures.mjs";
+
+test("a small form of the model and of the preview is made once, and is what browsers load", async ({ page, rig }) => {
+  await rig.prepare();
+  await enter(page, rig);
+  const logged = rig.log("page").length;
+  const [recording, capture] = make(rig);
+  const loaded = page.waitForResponse((answer) => answer.url().endsWith("view.glb"));
+  await page.goto(`http://127.0.0.1:${rig.port}/#/history/${recording}/${capture}`);
+  await expect(page.locator("canvas[data-loaded]")).toBeVisible();
+  const headers = (await loaded).headers();
+  expect(headers["content-encoding"]).toBe("gzip");
+  const whole = statSync(rig.path(`models/${recording}/${capture}/model.glb`)).size;
+  expect(Number(headers["content-length"])).toBeLessThan(whole / 2);
+  await page.goto(`http://127.0.0.1:${rig.port}/#/history/${recording}`);
+  const picture = page.locator(".strip img").last();
+  await picture.scrollIntoViewIfNeeded();
+  await expect.poll(() => picture.evaluate((img) => [img.complete, img.naturalWidth].join())).toMatch(/^true,[1-9]/);
+  const width = await picture.evaluate((img) => img.naturalWidth);
+  expect(width).toBeLessThanOrEqual(480);
+  const views = readdirSync(rig.path("page-cache")).length;
+  expect(views).toBeGreaterThan(1);
+  await page.reload();
+  await expect.poll(() => picture.evaluate((img) => img.complete)).toBe(true);
+  expect(readdirSync(rig.path("page-cache")).length).toBe(views);
+  expect(rig.log("page").slice(logged)).not.toContain("for browsers");
+});
+
+test("photographs stand beside the model, and one that is chosen is shown large", async ({ page, rig }) => {
+  await rig.prepare();
+  await enter(page, rig, "viewer");
+  const logged = rig.log("page").length;
+  const [recording, capture] = make(rig);
+  await page.goto(`http://127.0.0.1:${rig.port}/#/history/${recording}/${capture}`);
+  await expect(page.locator("canvas[data-loaded]")).toBeVisible();
+  const small = page.locator(".photographs button");
+  await expect(small).toHaveCount(rig.options.cameras);
+  for (const photograph of await small.all()) {
+    await expect(photograph.locator("img")).toHaveJSProperty("naturalWidth", 320);
+  }
+  await expect(page.getByRole("dialog")).toHaveCount(0);
+  await page.getByRole("button", { name: "Enlarge the photograph of c02" }).click();
+  const large = page.getByRole("dialog", { name: `Photograph of c02 in ${capture}` });
+  await expect(large.locator("img")).toHaveJSProperty("naturalWidth", 320);
+  await shot(page, "photograph");
+  await page.keyboard.press("Escape");
+  await expect(large).toHaveCount(0);
+  await small.first().focus();
+  await page.keyboard.press("Enter");
+  await page.getByRole("button", { name: "Close" }).click();
+  await expect(page.getByRole("dialog")).toHaveCount(0);
+  expect(rig.log("page").slice(logged)).not.toContain("cannot make its photographs");
+});
+
+/** The files that a capture's page offers, in its order, and their media types. */
+const DOWNLOADS = {
+  "model.glb": "model/gltf-binary",
+  "model.ply": "application/octet-stream",
+  "preview.png": "image/png",
+  "report.json": "application/json",
+};
+
+test("each file that is offered is downloaded as it is, under its capture's name, and may do nothing as a page", async ({ page, rig }) => {
+  await rig.prepare();
+  await enter(page, rig, "viewer");
+  const [recording, capture] = make(rig);
+  await page.goto(`http://127.0.0.1:${rig.port}/#/history/${recording}/${capture}`);
+  const links = page.locator(".files a");
+  await expect(links).toHaveText(Object.keys(DOWNLOADS));
+  for (const [name, type] of Object.entries(DOWNLOADS)) {
+    const link = page.getByRole("link", { name, exact: true });
+    const begun = page.waitForEvent("download");
+    await link.click();
+    const download = await begun;
+    expect(download.suggestedFilename()).toBe(`${capture}.${name}`);
+    const bytes = readFileSync(rig.path(`models/${recording}/${capture}/${name}`));
+    expect(readFileSync(await download.path()).equals(bytes), `${name} as it was stored`).toBe(true);
+    const answer = await page.request.get(await link.evaluate((target) => target.href));
+    const headers = answer.headers();
+    expect(headers["content-type"], name).toBe(type);
+    expect(headers["content-disposition"], name).toBe(`attachment; filename="${capture}.${name}"`);
+    expect(headers["content-security-policy"], name).toContain("sandbox");
+    expect(headers["x-content-type-options"], name).toBe("nosniff");
+    expect((await answer.body()).equals(bytes), `${name} as it was sent`).toBe(true);
+  }
+});
+
+test("a model is compared with one of the same object in an earlier session", async ({ page, rig }) => {
+  await rig.prepare();
+  await enter(page, rig);
+  const object = `1911.${Date.now()}`;
+  const scan = async (session) => {
+    rig.scand("session", "start", session, "--socket", "scand.sock");
+    const lines = rig.scand("trigger", "--socket", "scand.sock", "--subject", object, "--until", "done", "--json");
+    rig.scand("session", "close", "--socket", "scand.sock");
+    return JSON.parse(lines.trim().split("\n").pop()).model.split("/").slice(-2);
+  };
+  const earlier = await scan("earlier");
+  const later = await scan("later");
+  await page.goto(`http://127.0.0.1:${rig.port}/#/history/${later.join("/")}`);
+  const list = page.getByLabel("Compare with another model");
+  await expect(list.locator("optgroup option")).toContainText([`${earlier.join(": ")}`]);
+  await list.selectOption(earlier.join("/"));
+  await expect(page.locator("[data-compared]")).toContainText("cm³");
+  await expect(page.locator("scand-compare")).toContainText("Surfaces are compared as they lay in the rig");
+  await page.locator("[data-measure-surfaces]").click();
+  await expect(page.locator("[data-apart]")).toContainText(/\d\.\d\d/, { timeout: 60_000 });
+  await page.locator("[data-compared] thead a").click();
+  await expect(page.locator("h1")).toHaveText(earlier[1]);
+  // In the history, an earlier session is chosen from the list.
+  await page.evaluate((hash) => (location.hash = hash), `#/history/${later[0]}`);
+  const sessions = page.locator("#recording");
+  await expect(sessions).toHaveValue(later[0]);
+  await sessions.selectOption(earlier[0]);
+  await expect(page.getByRole("heading", { name: `Captures of ${earlier[0]}` })).toBeVisible();
+  await expect(page.locator(".strip li").filter({ hasText: earlier[1] })).toHaveCount(1);
+  await expect(page.locator(".strip li").filter({ hasText: later[1] })).toHaveCount(0);
+  await page.goBack();
+  await expect(page.getByRole("heading", { name: `Captures of ${later[0]}` })).toBeVisible();
+  await expect(sessions).toHaveValue(later[0]);
+});
+
+test("captures of today are in the history after the daemon and the page were started again", async ({ page, rig }) => {
+  await rig.prepare();
+  const [recording, first] = make(rig);
+  await rig.stop("daemon");
+  await rig.stop("page");
+  await rig.startDaemon();
+  await rig.startPage();
+  await enter(page, rig, "viewer");
+  await page.goto(`http://127.0.0.1:${rig.port}/#/history/${recording}`);
+  const card = page.locator(".strip li").filter({ hasText: first });
+  await expect(card.locator("img")).toHaveCount(1);
+  await expect(card.locator(".verdict")).toContainText(/Green|Amber|Red/);
+  // What was taken after that stands beside it.
+  const [again, second] = make(rig);
+  await page.goto(`http://127.0.0.1:${rig.port}/#/history/${again}`);
+  await expect(page.locator(".strip li").filter({ hasText: second })).toHaveCount(1);
+  await page.goto(`http://127.0.0.1:${rig.port}/#/history/${recording}/${first}`);
+  await expect(page.locator("canvas[data-loaded]")).toBeVisible();
+});
+
+test("what is shown of a model belongs to the capture that is shown", async ({ page, rig, expected }) => {
+  expected.push("net::ERR");
+  await rig.prepare();
+  await enter(page, rig);
+  const [[recording, first], [, second]] = [make(rig), make(rig)];
+  const open = (name) => page.evaluate((hash) => (location.hash = hash), `#/history/${recording}/${name}`);
+  await open(first);
+  await expect(page.locator("canvas[data-loaded]")).toBeVisible();
+  await page.locator("[data-mode=error]").click();
+  await page.locator("[data-measure]").click();
+  await page.getByLabel("Compare with another model").selectOption(second);
+  await page.locator("[data-compared] thead a").click();
+  await expect(page.locator("h1")).toHaveText(second);
+  await expect(page.getByLabel("Compare with another model")).toHaveValue("");
+  await expect(page.locator("[data-compared]")).toHaveCount(0);
+  await expect(page.locator("canvas[data-loaded]")).toBeVisible();
+  await expect(page.locator(".viewer [role=status]")).toHaveText("");
+  await expect(page.locator(".legend li")).toHaveCount(5);
+  // A model that comes late, and fails, says nothing of the one that is shown by then.
+  let release;
+  const held = new Promise((done) => (release = done));
+  await page.route(`**/${first}/view.glb`, async (route) => {
+    await held;
+    await route.abort();
+  });
+  const asked = page.waitForRequest(`**/${first}/view.glb`);
+  await open(first);
+  await asked;
+  await open(second);
+  await expect(page.locator("canvas[data-loaded]")).toBeVisible();
+  const failed = page.waitForEvent("requestfailed");
+  release();
+  await failed;
+  await page.waitForTimeout(300);
+  await expect(page.locator(".viewer [role=status]")).toHaveText("");
+  await page.unroute(`**/${first}/view.glb`);
+  // A capture that cannot be asked for has nobody else's verdict.
+  await page.route(`**/api/recordings/${recording}`, (route) => route.abort());
+  await open(first);
+  await expect(page.getByRole("alert")).toContainText("does not answer");
+  await expect(page.locator("main .verdict")).toHaveCount(0);
+});
