@@ -266,3 +266,39 @@ fn is_speck(
     }
     is_small
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const WEIGHT: [f32; 3] = [100.0, 200.0, 150.0];
+    const BACKDROP: [f32; 3] = [0.2, 0.4, 0.6];
+
+    #[test]
+    fn a_backdrop_may_be_darker_than_beside_a_pixel_by_the_least_that_explains_it() {
+        let light = [0.18, 0.37, 0.55];
+        let at = |share: f32| {
+            let off = |c: usize| WEIGHT[c] * (light[c] - share * BACKDROP[c]).powi(2);
+            off(0) + off(1) + off(2) + ((share - 1.0) / DEEPENING).powi(2)
+        };
+        let least = (0..=1000)
+            .map(|n| at(n as f32 / 1000.0))
+            .fold(f32::MAX, f32::min);
+        let found = to_backdrop(light, BACKDROP, WEIGHT);
+        assert!((found - least).abs() < 1e-3 * least, "{found}, {least}");
+        assert!(found < at(1.0), "{found}");
+    }
+
+    #[test]
+    fn a_backdrop_is_not_brighter_than_beside_a_pixel() {
+        let light = BACKDROP.map(|b| 1.1 * b);
+        let as_bright: f32 = (0..3)
+            .map(|c| WEIGHT[c] * (light[c] - BACKDROP[c]).powi(2))
+            .sum();
+        let found = to_backdrop(light, BACKDROP, WEIGHT);
+        assert!(
+            (found - as_bright).abs() < 1e-3 * as_bright,
+            "{found}, {as_bright}"
+        );
+    }
+}
