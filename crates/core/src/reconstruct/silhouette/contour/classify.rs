@@ -14,6 +14,9 @@ const TEXTURE: f32 = 0.05;
 /// How much darker or brighter than a sample the object is beside it, as a share, one standard deviation: a surface
 /// that turns away towards its outline, or down into its own shadow, keeps its hue but not its brightness.
 const SHADING: f32 = 0.2;
+/// How much darker than beside it the backdrop is, as a share, one standard deviation: where the object touches it, its
+/// shadow deepens within a few pixels.
+const DEEPENING: f32 = 0.05;
 
 /// What is beside a cell.
 struct CellNeighbors {
@@ -144,11 +147,10 @@ fn beside(
 #[inline]
 fn preference(colors: &Colors, beside: &CellNeighbors, x: usize, y: usize) -> f32 {
     let (light, expected) = (colors.light(x, y), colors.expected(x, y));
-    let mut to_backdrop = 0.0;
+    let backdrop = three(|c| expected[c] * beside.shade[c]);
+    let to_backdrop = to_backdrop(light, backdrop, beside.backdrop_weight);
     let (mut square, mut product) = ([0.0f32; SAMPLES], [0.0f32; SAMPLES]);
     for c in 0..3 {
-        let off = light[c] - expected[c] * beside.shade[c];
-        to_backdrop += beside.backdrop_weight[c] * off * off;
         for i in 0..SAMPLES {
             let weighted = beside.weight[c][i] * light[c];
             square[i] += weighted * light[c];
@@ -162,6 +164,22 @@ fn preference(colors: &Colors, beside: &CellNeighbors, x: usize, y: usize) -> f3
     // Where no cell shows the object alone (it is thin), whatever differs clearly is object.
     let to_object = (0..beside.objects).map(distance).reduce(f32::min);
     to_backdrop - to_object.unwrap_or(16.0)
+}
+
+/// Squared distance of a pixel's light from the backdrop's, in standard deviations: the least of
+/// |light - s backdrop|² + ((s - 1) / DEEPENING)² over all s of at most 1.
+#[inline]
+fn to_backdrop(light: [f32; 3], backdrop: [f32; 3], weight: [f32; 3]) -> f32 {
+    let known = 1.0 / (DEEPENING * DEEPENING);
+    let (mut product, mut square) = (known, known);
+    for c in 0..3 {
+        let weighted = weight[c] * backdrop[c];
+        product += weighted * light[c];
+        square += weighted * backdrop[c];
+    }
+    let share = (product / square).min(1.0);
+    let off = |c: usize| weight[c] * (light[c] - share * backdrop[c]).powi(2);
+    off(0) + off(1) + off(2) + known * (share - 1.0).powi(2)
 }
 
 /// Lets single pixels follow the majority of the nine around them.
@@ -247,4 +265,40 @@ fn is_speck(
         }
     }
     is_small
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const WEIGHT: [f32; 3] = [100.0, 200.0, 150.0];
+    const BACKDROP: [f32; 3] = [0.2, 0.4, 0.6];
+
+    #[test]
+    fn a_backdrop_may_be_darker_than_beside_a_pixel_by_the_least_that_explains_it() {
+        let light = [0.18, 0.37, 0.55];
+        let at = |share: f32| {
+            let off = |c: usize| WEIGHT[c] * (light[c] - share * BACKDROP[c]).powi(2);
+            off(0) + off(1) + off(2) + ((share - 1.0) / DEEPENING).powi(2)
+        };
+        let least = (0..=1000)
+            .map(|n| at(n as f32 / 1000.0))
+            .fold(f32::MAX, f32::min);
+        let found = to_backdrop(light, BACKDROP, WEIGHT);
+        assert!((found - least).abs() < 1e-3 * least, "{found}, {least}");
+        assert!(found < at(1.0), "{found}");
+    }
+
+    #[test]
+    fn a_backdrop_is_not_brighter_than_beside_a_pixel() {
+        let light = BACKDROP.map(|b| 1.1 * b);
+        let as_bright: f32 = (0..3)
+            .map(|c| WEIGHT[c] * (light[c] - BACKDROP[c]).powi(2))
+            .sum();
+        let found = to_backdrop(light, BACKDROP, WEIGHT);
+        assert!(
+            (found - as_bright).abs() < 1e-3 * as_bright,
+            "{found}, {as_bright}"
+        );
+    }
 }
