@@ -10,7 +10,7 @@ test("background pictures, a session, a press with a scanned number, and the mod
   await shot(page, "ready");
   await page.getByRole("button", { name: "Take background pictures" }).click();
   // One camera's picture comes late, and for so long the rig is busy.
-  await rig.tell("delay c00 3000");
+  await rig.tell("delay c00 1500");
   await page.getByRole("button", { name: "Yes, take them" }).click();
   await sign(page, "busy");
   await expect(page.locator(".now h1")).toHaveText("Please wait");
@@ -101,7 +101,7 @@ test("a press, or another order, while another tablet's press is being taken is 
   await enter(other, rig);
   const before = taken(rig);
   // One camera's picture comes late, and for so long the press is being taken.
-  await rig.tell("delay c00 3500");
+  await rig.tell("delay c00 1500");
   await page.getByRole("button", { name: "Press", exact: true }).click();
   await sign(other, "capturing");
   await other.getByRole("button", { name: "Press", exact: true }).click();

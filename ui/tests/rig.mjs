@@ -173,6 +173,26 @@ export class Rig {
     return { LD_LIBRARY_PATH: staged.stdout.trim(), SCAND_OPENNI2_FRAMES: frames };
   }
 
+  /** Writes the cameras' calibration and that of a depth camera, which looks straight down from 0.85 m. */
+  writeDepthCalibration() {
+    const [width, height] = DEPTH_SIZE;
+    const kinect = `[cameras.kinect]
+size = [${width}, ${height}]
+focal_px = [144.0, 144.0]
+center_px = [${((width - 1) / 2).toFixed(1)}, ${((height - 1) / 2).toFixed(1)}]
+distortion_model = ""
+distortion = []
+translation = [0.0, 0.0, 0.85]
+rotation = [1.0, 0.0, 0.0, 0.0]
+[cameras.kinect.response]
+slope = 0.001
+intercept = 0.0
+scale = [1.0, 0.0, 0.0, 0.0, 0.0]
+uncertainty = 0.0
+`;
+    writeFileSync(this.path("calibration-depth.toml"), `${readFileSync(this.path("calibration.toml"), "utf8")}\n${kinect}`);
+  }
+
   /** Has background pictures and the object in the rig, as after the first captures, whichever test ran before. */
   async prepare() {
     if (this.isPrepared) return;
@@ -190,7 +210,7 @@ export class Rig {
       this.path("rig.toml"),
       `[rig]
 name = "loopback"
-calibration = "calibration.toml"
+calibration = "calibration${depth ? "-depth" : ""}.toml"
 [sync]
 window_ms = 3000.0
 go_on_without_missing = ${this.options.goOn === true}
@@ -228,6 +248,7 @@ ${sections.join("\n")}
   }
 
   async startDaemon() {
+    if (this.options.depth) this.writeDepthCalibration();
     this.writeConfiguration();
     const environment = this.options.depth ? this.depthCamera() : {};
     this.inside("daemon", SCAND, ["run", "--config", "rig.toml"], environment);
