@@ -105,7 +105,8 @@ mod long {
         assert_eq!(second["id"], "mug-001", "{words}");
         assert_eq!(second["refused"], "scale", "{words}");
         let found = second["larger_by"].as_f64().unwrap();
-        assert!((found - 0.01).abs() < 0.002, "{words}");
+        // A third of a per cent of a mug is half a pixel here.
+        assert!((found - 0.01).abs() < 0.003, "{words}");
         let told = second["words"].as_str().unwrap();
         assert!(told.contains("only if lengths differ by"), "{told}");
         assert!(told.contains("the calibrations may differ"), "{told}");
