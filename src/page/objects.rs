@@ -18,8 +18,8 @@ pub(super) struct Objects {
     remade: Option<(Instant, Value)>,
 }
 
-/// What became of a capture of an object last, and when: `taken`, `accepted`, `rejected`, or `cleared` if a decision was
-/// taken back.
+/// What became of a capture of an object last, and when: `taken`, `accepted`, `rejected`, or `cleared` if a decision
+/// was taken back.
 struct Changed {
     at: Instant,
     capture: String,

@@ -1,5 +1,5 @@
-//! Tests that the atlas of a whole model wastes little: of a cup's most is covered by triangles, and no chart has only a
-//! few texels.
+//! Tests that the atlas of a whole model wastes little: of a cup's most is covered by triangles, and no chart has only
+//! a few texels.
 
 use nalgebra::Vector2;
 use scand_core::reconstruct::Model;

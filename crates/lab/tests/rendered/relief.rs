@@ -1,5 +1,5 @@
-//! Tests that fairing keeps a relief that stands in profile: rings of ribs around a column, in close-ups of cameras that
-//! look along the rings.
+//! Tests how much fairing keeps of a relief that stands in profile: rings of ribs around a column, in close-ups of
+//! cameras that look along the rings.
 
 use nalgebra::{Isometry3, Point3, Vector2, Vector3};
 use scand_core::calibration::{Camera, Distortion, Intrinsics};
@@ -136,7 +136,7 @@ mod long {
             faired.facts
         );
         assert!(truth > 0.6e-3, "{truth}");
-        // Bending is resisted over 6 px; the ribs of a hull in profile, 24 px apart, are worn down between the outlines.
+        // Bending is resisted over 6 px; ribs in profile, 24 px apart, are worn down between the outlines.
         assert!(found >= 0.55 * truth, "{found} of {truth}");
     }
 }
