@@ -150,10 +150,10 @@ fn preference(colors: &Colors, beside: &CellNeighbors, x: usize, y: usize) -> f3
     let backdrop = three(|c| expected[c] * beside.shade[c]);
     let to_backdrop = to_backdrop(light, backdrop, beside.backdrop_weight);
     let (mut square, mut product) = ([0.0f32; SAMPLES], [0.0f32; SAMPLES]);
-    for c in 0..3 {
+    for (c, light) in light.into_iter().enumerate() {
         for i in 0..SAMPLES {
-            let weighted = beside.weight[c][i] * light[c];
-            square[i] += weighted * light[c];
+            let weighted = beside.weight[c][i] * light;
+            square[i] += weighted * light;
             product[i] += weighted * beside.object[c][i];
         }
     }
