@@ -112,9 +112,9 @@ impl Scene {
     fn time_to_send(&self, bytes: usize, joined: u32) -> Duration {
         let mut ns = self.delay_ns.load(Ordering::Relaxed);
         let link = self.link.load(Ordering::Relaxed);
-        if link > 0 {
-            ns += bytes as u64 * 1_000_000_000 / link;
-        }
+        ns += (bytes as u64 * 1_000_000_000)
+            .checked_div(link)
+            .unwrap_or(0);
         if self.joined.swap(joined, Ordering::Relaxed) != joined {
             ns += self.switch_ns.load(Ordering::Relaxed);
         }
