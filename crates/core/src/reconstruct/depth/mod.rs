@@ -239,6 +239,14 @@ pub struct EnhancedDepth {
     pub facts: Facts,
 }
 
+impl EnhancedDepth {
+    /// The depth of a pixel that was read and not filled in, in metres; `None` of others, and outside the picture.
+    pub fn reading(&self, x: isize, y: isize) -> Option<f32> {
+        let is_measured = self.kind.get(x, y) == Some(&DepthKind::Measured);
+        self.depth.get(x, y).copied().filter(|_| is_measured)
+    }
+}
+
 /// Enhances a burst. `region` has the size of the camera's pictures and is 128 and up where the object can be; no
 /// reading outside it is used and nothing outside it is filled. A burst without frames or readings is not an error:
 /// every pixel is then [`DepthKind::None`].

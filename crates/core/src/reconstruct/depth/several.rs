@@ -2,7 +2,7 @@
 //! distances to it, weighted by their noise (Curless and Levoy 1996). If each carved for itself, the deepest error
 //! would win, and the surface would sink with every camera. Knows nothing of hulls; its caller knows the biases.
 
-use super::{DepthKind, EnhancedDepth};
+use super::EnhancedDepth;
 use crate::calibration::DepthCamera;
 use crate::image::Grid;
 use nalgebra::{Point2, Point3, Vector3};
@@ -142,14 +142,9 @@ fn read_between(seen: &CameraDepth, pixel: Point2<f64>) -> Option<f64> {
     let (fx, fy) = (pixel.x - left, pixel.y - top);
     let mut depths = [0.0; 4];
     for (i, depth) in depths.iter_mut().enumerate() {
-        let at = (
-            left as isize + (i & 1) as isize,
-            top as isize + (i >> 1) as isize,
-        );
-        if *enhanced.kind.get(at.0, at.1)? != DepthKind::Measured {
-            return None;
-        }
-        *depth = f64::from(enhanced.depth[(at.0 as usize, at.1 as usize)]);
+        let x = left as isize + (i & 1) as isize;
+        let y = top as isize + (i >> 1) as isize;
+        *depth = f64::from(enhanced.reading(x, y)?);
     }
     let near = depths.iter().copied().fold(f64::INFINITY, f64::min);
     let far = depths.iter().copied().fold(0.0, f64::max);
@@ -220,6 +215,7 @@ fn patch(
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::reconstruct::depth::DepthKind;
     use crate::calibration::{Camera, DepthResponse, Distortion, Intrinsics};
     use crate::frame::CameraId;
     use crate::reconstruct::depth::{Facts, SensorNoise};

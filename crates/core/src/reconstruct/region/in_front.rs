@@ -7,7 +7,7 @@ use super::segment::{dilate, erode};
 use super::{Bias, BiasSource, HullRenderings, Parameters, stated_bias};
 use crate::calibration::DepthCamera;
 use crate::image::{Grid, Mask};
-use crate::reconstruct::depth::{DepthKind, EnhancedDepth};
+use crate::reconstruct::depth::EnhancedDepth;
 use nalgebra::{Point2, Point3};
 
 /// Standard errors of a reading by which it has to lie in front.
@@ -63,8 +63,7 @@ impl FairedHullView<'_> {
 
     /// Depth of a pixel's reading in metres, less its bias; infinite where there is none.
     fn read(&self, x: isize, y: isize) -> f32 {
-        let is_measured = self.depth.kind.get(x, y) == Some(&DepthKind::Measured);
-        let depth = self.depth.depth.get(x, y).filter(|_| is_measured);
+        let depth = self.depth.reading(x, y);
         depth.map_or(f32::INFINITY, |depth| depth - self.bias.metres as f32)
     }
 
@@ -135,6 +134,7 @@ fn supported(mask: &Grid<bool>) -> Grid<bool> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::reconstruct::depth::DepthKind;
     use crate::reconstruct::testing::{camera, evidence};
 
     const SIDE: usize = 40;

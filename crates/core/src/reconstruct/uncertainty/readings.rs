@@ -2,7 +2,7 @@
 //! carves nothing.
 
 use crate::calibration::DepthCamera;
-use crate::reconstruct::depth::{DepthKind, EnhancedDepth};
+use crate::reconstruct::depth::EnhancedDepth;
 use crate::reconstruct::region::Regions;
 use nalgebra::{Point3, Vector3};
 
@@ -25,8 +25,7 @@ pub struct Readings<'a> {
 impl Readings<'_> {
     /// Depth of a pixel's reading in metres, less its bias.
     fn read(&self, x: isize, y: isize) -> Option<f32> {
-        let is_measured = self.depth.kind.get(x, y) == Some(&DepthKind::Measured);
-        let depth = self.depth.depth.get(x, y).filter(|_| is_measured)?;
+        let depth = self.depth.reading(x, y)?;
         Some(depth - self.regions.bias.metres as f32)
     }
 
