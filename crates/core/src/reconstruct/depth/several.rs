@@ -215,9 +215,9 @@ fn patch(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::reconstruct::depth::DepthKind;
     use crate::calibration::{Camera, DepthResponse, Distortion, Intrinsics};
     use crate::frame::CameraId;
+    use crate::reconstruct::depth::DepthKind;
     use crate::reconstruct::depth::{Facts, SensorNoise};
     use nalgebra::{Isometry3, Vector2};
 
