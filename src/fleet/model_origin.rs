@@ -60,9 +60,13 @@ impl ModelOrigin {
         write_atomically(&Self::announced_path(target), &bytes)
     }
 
-    /// Ends what a process announced that was killed then: if the announced model is in place, it is noted.
+    /// Ends what a process announced that was killed then: if the announced model is in place, it is noted. What such a
+    /// process left half written goes.
     pub fn settle(target: &Path) {
         let path = Self::announced_path(target);
+        for written in [&path, &Self::path(target)] {
+            let _ = storage::remove_abandoned_parts(written);
+        }
         let Ok(bytes) = std::fs::read(&path) else {
             return;
         };
@@ -135,7 +139,12 @@ mod tests {
         };
         // Killed before the model was in place.
         origin("c".into()).announce(&target).unwrap();
+        let half = [".a1.fleet.part-1-0", ".a1.fleet-announced.part-1-1"];
+        let half = half.map(|name| home.path().join("cup").join(name));
+        half.iter()
+            .for_each(|path| std::fs::write(path, "{").unwrap());
         ModelOrigin::settle(&target);
+        assert!(half.iter().all(|path| !path.exists()));
         assert_eq!(ModelOrigin::read(&target), None);
         // Killed after that.
         std::fs::create_dir(&target).unwrap();

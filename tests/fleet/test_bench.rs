@@ -292,9 +292,8 @@ pub fn models(out: &Path) -> BTreeMap<String, BTreeMap<String, Vec<u8>>> {
             let folder = model.unwrap().path();
             let name = folder.file_name().unwrap().to_string_lossy().into_owned();
             if !folder.is_dir() {
-                // A process that is killed while it writes leaves a few bytes.
-                let is_origin = name.ends_with(".fleet") || name.contains(".fleet.part-");
-                assert!(name.starts_with('.') && is_origin, "{name}");
+                let is_origin = name.starts_with('.') && name.ends_with(".fleet");
+                assert!(is_origin, "{name} is left over");
                 continue;
             }
             assert!(!name.starts_with('.'), "{name} is unfinished");

@@ -88,7 +88,7 @@ fn place(
     fs::create_dir_all(&parent).map_err(Error::io("create", &parent))?;
     let part = parent.join(temporary_name(&name, "part"));
     let written = write_durably(&part, bytes, options)
-        .and_then(|()| rename(&part))
+        .and_then(|_locked| rename(&part))
         .and_then(|()| sync_folder(&parent).map_err(Error::io("write", &parent)));
     if written.is_err() {
         // The error that matters is the first one.
@@ -152,21 +152,30 @@ pub fn sync_parent(path: &Path) -> io::Result<()> {
     sync_folder(&parent(path))
 }
 
+/// Writes a file that is locked until what is returned is dropped, so that others know that its writer lives.
 pub(super) fn write_durably(
     path: &Path,
     bytes: &[u8],
     options: &mut OpenOptions,
-) -> Result<(), Error> {
+) -> Result<File, Error> {
     let file = options.write(true).create(true).truncate(true).open(path);
     let mut file = file.map_err(Error::io("create", path))?;
+    // The system releases it when this process dies. A file system without locks keeps what is left.
+    let _ = file.try_lock();
     file.write_all(bytes).map_err(Error::io("write", path))?;
-    file.sync_data().map_err(Error::io("write", path))
+    file.sync_data().map_err(Error::io("write", path))?;
+    Ok(file)
 }
 
 /// Hidden, beside the target, of this process and this call.
 pub(super) fn temporary_name(name: &str, kind: &str) -> String {
     let number = NEXT.fetch_add(1, Ordering::Relaxed);
-    format!(".{name}.{kind}-{}-{number}", std::process::id())
+    let prefix = temporary_prefix(name, kind);
+    format!("{prefix}{}-{number}", std::process::id())
+}
+
+pub(super) fn temporary_prefix(name: &str, kind: &str) -> String {
+    format!(".{name}.{kind}-")
 }
 
 /// A path's folder and its last name.

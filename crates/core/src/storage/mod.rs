@@ -2,12 +2,14 @@
 //! name only when they are complete and durable, renaming without replacing, and free space. Knows nothing of what the
 //! files hold.
 
+mod abandoned;
 mod files;
 mod space;
 mod staged_folder;
 #[cfg(test)]
 mod testing;
 
+pub use abandoned::remove_abandoned_parts;
 pub use files::{
     check_writable, read, read_text, rename_durably, rename_noreplace, sync_folder, sync_parent,
     write_atomically, write_atomically_for_owner, write_new,

@@ -2,7 +2,8 @@
 //! final name is complete, whenever the power fails.
 
 use super::Error;
-use super::files::{split, sync_folder, temporary_name, write_durably};
+use super::abandoned::{leftovers, remove, remove_abandoned};
+use super::files::{split, sync_folder, temporary_name, temporary_prefix, write_durably};
 use std::fs::{self, File};
 use std::path::{Path, PathBuf};
 
@@ -118,52 +119,14 @@ impl Drop for StagedFolder {
 
 /// Removes the unfinished folders of dead processes and restores a target that one of them had set aside.
 fn clean_up(parent: &Path, name: &str, target: &Path) -> Result<(), Error> {
-    for path in leftovers(parent, &format!(".{name}.old-"))? {
+    for path in leftovers(parent, &temporary_prefix(name, "old"))? {
         if target.symlink_metadata().is_ok() {
             remove(&path)?;
         } else {
             fs::rename(&path, target).map_err(Error::io("restore", target))?;
         }
     }
-    for path in leftovers(parent, &format!(".{name}.part-"))? {
-        if is_abandoned(&path) {
-            remove(&path)?;
-        }
-    }
-    Ok(())
-}
-
-/// What in `parent` begins with `prefix`, in the order of names.
-fn leftovers(parent: &Path, prefix: &str) -> Result<Vec<PathBuf>, Error> {
-    let mut found = Vec::new();
-    for entry in fs::read_dir(parent).map_err(Error::io("list", parent))? {
-        let entry = entry.map_err(Error::io("list", parent))?;
-        if entry.file_name().to_string_lossy().starts_with(prefix) {
-            found.push(entry.path());
-        }
-    }
-    found.sort();
-    Ok(found)
-}
-
-/// Whether no process holds the lock of an unfinished folder: the system releases the locks of a dead process.
-fn is_abandoned(part: &Path) -> bool {
-    File::open(part).is_ok_and(|folder| folder.try_lock().is_ok())
-}
-
-/// Removes a file or a folder; it is not an error if it does not exist.
-fn remove(path: &Path) -> Result<(), Error> {
-    let removed = if path.is_dir() && !path.is_symlink() {
-        fs::remove_dir_all(path)
-    } else {
-        fs::remove_file(path)
-    };
-    match removed {
-        Err(source) if source.kind() != std::io::ErrorKind::NotFound => {
-            Err(Error::io("remove", path)(source))
-        }
-        _ => Ok(()),
-    }
+    remove_abandoned(parent, &temporary_prefix(name, "part"))
 }
 
 #[cfg(test)]
