@@ -8,7 +8,7 @@ use cases::Case;
 use scand_core::evaluate::load::LoadedModel;
 use scand_core::evaluate::{self, evaluate};
 use scand_core::level::Level;
-use scand_core::reconstruct::{self, NoProgress, Reconstruction, reconstruct};
+use scand_core::reconstruct::{self, NoProgress, Provenance, Reconstruction, reconstruct};
 use scand_core::report::{Measurements, Parameters, Verdict, judge, measure};
 use scand_lab::Simulation;
 
@@ -110,13 +110,19 @@ fn try_case(number: usize) -> Outcome {
 fn judged(measured: &Measurements, verdict: &Verdict) -> String {
     let reasons = verdict.reasons.iter().filter(|r| r.level > Level::Green);
     let codes: Vec<String> = reasons.map(|r| format!("{:?}", r.code)).collect();
-    let unobserved = measured.model.unobserved;
+    let model = &measured.model;
+    let unread = measured.depths.iter().filter_map(|d| d.regions.as_ref());
+    let unread = unread.map(|r| 1.0 - r.coverage).fold(0.0, f64::max);
+    let blur_px = measured.colors.iter().filter_map(|c| c.silhouette.blur_px);
     format!(
-        "{:?} [{}]; guessed {:.3}, lids {:.3}",
+        "{:?} [{}]; stated {:.2} mm, guessed {:.3}, lids {:.3}, bridged {:.3}, unread {unread:.2}, blur {:.1} px",
         verdict.level,
         codes.join(", "),
-        unobserved.guessed,
-        unobserved.lids
+        1e3 * model.mean_expected_error,
+        model.unobserved.guessed,
+        model.unobserved.lids,
+        model.share(Provenance::Bridged),
+        blur_px.fold(0.0, f32::max)
     )
 }
 

@@ -1,7 +1,7 @@
 //! Measures how blurred a picture is across the contour. A single place is too noisy or too textured; the median
-//! profile of many is the edge's spread function.
+//! profile of many is that of the edge (`edge`).
 
-use super::Colors;
+use super::{Colors, edge};
 use crate::image::Mask;
 use crate::statistics::upper_median;
 
@@ -14,7 +14,7 @@ const FEWEST: usize = 20;
 const REACHES_PX: [usize; 3] = [4, 8, 24];
 /// Pixels at either end of a profile that show one side alone.
 const END_PX: usize = 2;
-/// Widest blur, as a share of the reach, at which the ends still show one side alone.
+/// Widest blur, as a share of the reach, that a profile shows well; a longer one is tried for wider ones.
 const WIDEST: f32 = 0.3;
 /// Least contrast of a profile's ends, in standard deviations of noise.
 const LEAST_CONTRAST: f32 = 10.0;
@@ -35,7 +35,7 @@ pub(super) fn measure(level: &Mask, colors: &Colors, crossings: &[(usize, usize)
     found
 }
 
-/// Half the distance between where the median profile shows 84 % and 16 % of the object.
+/// The blur of the median profile.
 fn spread(
     level: &Mask,
     colors: &Colors,
@@ -59,8 +59,7 @@ fn spread(
             upper_median(&mut values)
         })
         .collect();
-    let (inner, outer) = (falls_below(&profile, 0.841)?, falls_below(&profile, 0.159)?);
-    Some((outer - inner) / (2 * FINE) as f32)
+    edge::blur_px(&profile, FINE).map(|sigma| sigma as f32)
 }
 
 /// Where a profile first falls below a value, between samples.
@@ -92,7 +91,8 @@ impl Profile {
             );
             let is_object = *level.get(px.round() as isize, py.round() as isize)? >= 128;
             let is_unknown = colors.is_beside_unknown(px as usize, py as usize);
-            if t.abs() > 2 && is_object != (t < 0) || is_unknown {
+            let may_differ = t.unsigned_abs() <= search(reach);
+            if !may_differ && is_object != (t < 0) || is_unknown {
                 return None;
             }
             light.push(sample(level, colors, px, py)?);

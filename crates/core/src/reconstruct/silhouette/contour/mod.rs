@@ -4,6 +4,7 @@
 
 mod blur;
 mod classify;
+mod edge;
 mod mixture;
 
 use super::cells::Cells;
