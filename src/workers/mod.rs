@@ -26,6 +26,7 @@ cfg_if::cfg_if! {
         mod remake_pool;
         mod remakes;
         mod threads;
+        mod told_settings;
         #[cfg(test)]
         mod object_tests;
         #[cfg(test)]
