@@ -34,8 +34,8 @@ export interface Shade {
   isOpen: boolean;
 }
 
-/** Colours that are told apart without red and green (Okabe and Ito). */
-const PROVENANCE = ["#0072b2", "#56b4e9", "#009e73", "#f0e442", "#d55e00", "#999999"];
+/** Colours of the provenances by their numbers, as on previews: told apart without red and green (after Okabe and Ito). */
+const PROVENANCE = ["#9ea6b2", "#56b4e9", "#00b282", "#f0e442", "#e05e00", "#966ebe"];
 /** From small to large. */
 const ERROR = ["#440154", "#3b528b", "#21918c", "#5ec962", "#fde725"];
 /** The share of the vertices whose errors are within the scale: a few large ones would leave all others one colour. */

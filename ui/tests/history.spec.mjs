@@ -1,6 +1,6 @@
 // What was scanned: captures, their models in the viewer, photographs, comparisons and downloads.
 import { readFileSync, readdirSync, statSync } from "node:fs";
-import { enter, expect, make, shot, test } from "./fixtures.mjs";
+import { enter, expect, inGerman, make, shot, test } from "./fixtures.mjs";
 
 test("a small form of the model and of the preview is made once, and is what browsers load", async ({ page, rig }) => {
   await rig.prepare();
@@ -140,6 +140,13 @@ test("the scale of the expected errors leaves out the few largest ones, and says
   await expect(shades.last()).toHaveText(/^\s*\d+\.\d\d and more\s*$/);
   await page.locator("[data-mode=provenance]").click();
   await expect(shades.filter({ hasText: "and more" })).toHaveCount(0);
+  // The words for where a surface comes from are those of the preview (docs/results.md), here and in the table.
+  const words = ["silhouettes", "carved by depth", "measured by depth", "interpolated", "a guess", "on the table"];
+  await expect(shades).toHaveText(words);
+  const parts = await page.locator("dl + table tbody th").allTextContents();
+  expect(parts).toContain("silhouettes");
+  expect(words).toEqual(expect.arrayContaining(parts));
+  await inGerman(page, () => expect(shades.nth(4)).toHaveText("geraten")); // German
 });
 
 /** The files that a capture's page offers, in its order, and their media types. */

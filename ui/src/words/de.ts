@@ -196,7 +196,7 @@ export const de: Words = {
   from_carved: "aus der Tiefe geschnitten",
   from_restored: "von der Tiefe gemessen",
   from_bridged: "überbrückt",
-  from_unseen: "verdeckt: geraten",
+  from_unseen: "geraten",
   from_table: "auf dem Tisch",
   reasons: "Gründe",
   no_reasons: "Keine.",

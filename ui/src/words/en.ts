@@ -194,7 +194,7 @@ export const en = {
   from_carved: "carved by depth",
   from_restored: "measured by depth",
   from_bridged: "interpolated",
-  from_unseen: "hidden: a guess",
+  from_unseen: "a guess",
   from_table: "on the table",
   reasons: "Reasons",
   no_reasons: "None.",
