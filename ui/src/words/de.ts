@@ -189,7 +189,7 @@ export const de: Words = {
   measure_first: "Tippen Sie auf den ersten Punkt. Vergrößert trifft man ihn genauer.",
   measure_second: "Tippen Sie auf den zweiten Punkt.",
   measure_beside: "Das war neben dem Objekt: Tippen Sie auf einen Punkt darauf.",
-  measure_result: "{mm} mm zwischen den beiden Punkten",
+  measure_result: "{mm} mm zwischen den beiden Punkten. Ziehen Sie an einem davon, um ihn zu verschieben.",
   error_scale: "Erwarteter Abstand zur wahren Oberfläche, in mm",
   error_and_more: "{mm} und mehr",
   from_hull: "Umrisse",

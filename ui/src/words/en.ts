@@ -187,7 +187,7 @@ export const en = {
   measure_first: "Tap the first point. It is hit more exactly when you zoom in.",
   measure_second: "Tap the second point.",
   measure_beside: "That was beside the object: tap a point on it.",
-  measure_result: "{mm} mm between the two points",
+  measure_result: "{mm} mm between the two points. Drag one of them to move it.",
   error_scale: "Expected distance to the true surface, in mm",
   error_and_more: "{mm} and more",
   from_hull: "silhouettes",
