@@ -74,7 +74,7 @@ class Shown {
     this.move(en.view_reset, en.view_reset, (viewer) => viewer.reset());
     const all = further.at(-1);
     if (!all) return;
-    const button = element("button", `Full detail (${all.words})`, { "data-full": "" });
+    const button = element("button", en.view_full.replace("{size}", all.words), { "data-full": "" });
     button.addEventListener("click", () => {
       button.disabled = true;
       void this.load(all.address);

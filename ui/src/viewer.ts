@@ -49,8 +49,10 @@ const START = 1.7;
 const TAP = 8;
 /** How near a pointer takes hold of a measured point, in pixels: a target of 48. */
 const REACH = 24;
-/** Radii of a measured point and of the line between two, in pixels, however near the model is seen. */
+/** Radii of a measured point, of the one that Enter would take, and of the line between two, in pixels, however near the
+ * model is seen. */
 const DOT = 7;
+const AIM = 4;
 const LINE = 1.5;
 const MARK = "#d55e00";
 
@@ -77,6 +79,8 @@ export class Viewer {
   private marks: { mesh: Mesh; radius: number }[] = [];
   private readonly ink = new MeshBasicMaterial({ color: MARK, depthTest: false });
   private grip: Grip | null = null;
+  /** Whether the keyboard is used, which measures from the middle of the picture. */
+  private isAiming = false;
   private isMeasuring = false;
   /** Whether the wheel alone zooms, and a finger turns in all directions: since a click or tap on the picture. */
   private isHeld = false;
@@ -132,6 +136,7 @@ export class Viewer {
     canvas.addEventListener("pointerup", this.up);
     canvas.addEventListener("pointercancel", this.cancel);
     canvas.addEventListener("pointerleave", this.left);
+    canvas.addEventListener("focus", this.aim);
     canvas.addEventListener("blur", this.release);
     // Before the controls hear of it.
     canvas.addEventListener("pointerdown", this.down, { capture: true });
@@ -271,6 +276,7 @@ export class Viewer {
     const distance = this.camera.position.distanceTo(this.controls.target);
     // For whoever looks how near it is: 2.00 is half as far away as at first.
     this.canvas.dataset.zoom = ((this.size * START) / distance).toFixed(2);
+    if (this.isAiming) this.showPoints();
     this.draw();
   };
 
@@ -280,7 +286,17 @@ export class Viewer {
     this.canvas.style.touchAction = isHeld ? "none" : "pan-y";
   }
 
-  private readonly release = () => this.hold(false);
+  private readonly release = () => {
+    this.isAiming = false;
+    this.showPoints();
+    this.hold(false);
+  };
+
+  /** Shows what Enter would take, to whoever came here with the keyboard. */
+  private readonly aim = () => {
+    this.isAiming = this.canvas.matches(":focus-visible");
+    this.showPoints();
+  };
 
   private readonly left = (event: PointerEvent) => {
     if (event.pointerType === "mouse") this.hold(false);
@@ -302,6 +318,7 @@ export class Viewer {
       event.stopImmediatePropagation();
       return;
     }
+    this.isAiming = false;
     this.pressed.set(event.clientX, event.clientY);
     const point = event.button === 0 ? this.pointAt(event) : -1;
     if (point < 0) return;
@@ -331,9 +348,7 @@ export class Viewer {
     if (grip?.isMoved || !this.isTap(event)) return;
     this.hold(true);
     if (!this.isMeasuring) return;
-    const hit = this.hit(this.placeOf(event));
-    if (hit) this.take(hit);
-    else this.measured("beside");
+    this.takeAt(this.placeOf(event));
   };
 
   private readonly cancel = (event: PointerEvent) => {
@@ -354,6 +369,7 @@ export class Viewer {
   /** Where a point is seen in the picture, in pixels. */
   private seenAt(point: Vector3): Vector2 {
     const { width, height } = this.canvas.getBoundingClientRect();
+    this.camera.updateMatrixWorld();
     const seen = point.clone().project(this.camera);
     return new Vector2(((seen.x + 1) / 2) * width, ((1 - seen.y) / 2) * height);
   }
@@ -369,9 +385,22 @@ export class Viewer {
   /** The object's point that is seen at a place of the picture. */
   private hit(place: Vector2): Vector3 | undefined {
     const { width, height } = this.canvas.getBoundingClientRect();
+    this.camera.updateMatrixWorld();
     const ray = new Raycaster();
     ray.setFromCamera(new Vector2((place.x / width) * 2 - 1, 1 - (place.y / height) * 2), this.camera);
     return ray.intersectObjects(this.meshes, false)[0]?.point;
+  }
+
+  private middle(): Vector2 {
+    const { width, height } = this.canvas.getBoundingClientRect();
+    return new Vector2(width / 2, height / 2);
+  }
+
+  /** Takes what is seen at a place as the next point. */
+  private takeAt(place: Vector2): void {
+    const hit = this.hit(place);
+    if (hit) this.take(hit);
+    else this.measured("beside");
   }
 
   /** Moves a measured point to what is seen at a place; beside the object it stays where it was. */
@@ -385,13 +414,13 @@ export class Viewer {
 
   private take(point: Vector3): void {
     this.points.push(point);
-    this.showPoints();
-    if (this.points.length < 2) {
+    if (this.points.length === 2) {
+      this.isMeasuring = false;
+      this.tell();
+    } else {
       this.measured("second");
-      return;
     }
-    this.isMeasuring = false;
-    this.tell();
+    this.showPoints();
   }
 
   /** Tells the distance between both points. */
@@ -400,7 +429,7 @@ export class Viewer {
     this.measured(from.distanceTo(to) * 1000);
   }
 
-  /** Draws the points that are measured, and the line between two of them. */
+  /** Draws the points that are measured, the line between two of them, and the point that Enter would take. */
   private showPoints(): void {
     for (const { mesh } of this.marks) {
       this.scene.remove(mesh);
@@ -410,6 +439,8 @@ export class Viewer {
     for (const point of this.points) this.mark(new SphereGeometry(1), DOT).position.copy(point);
     const [from, to] = this.points;
     if (to) this.join(from, to);
+    const aimed = this.isMeasuring && this.isAiming ? this.hit(this.middle()) : undefined;
+    if (aimed) this.mark(new SphereGeometry(1), AIM).position.copy(aimed);
     this.draw();
   }
 
@@ -438,11 +469,17 @@ export class Viewer {
     for (const { mesh, radius } of this.marks) {
       const pixel = (seen * this.camera.position.distanceTo(mesh.position)) / this.canvas.clientHeight;
       const across = radius * pixel;
-      mesh.scale.set(across, radius === DOT ? across : 1, across);
+      mesh.scale.set(across, radius === LINE ? 1 : across, across);
     }
   }
 
   private readonly key = (event: KeyboardEvent) => {
+    if (event.key === "Enter" && this.isMeasuring) {
+      event.preventDefault();
+      this.isAiming = true;
+      this.takeAt(this.middle());
+      return;
+    }
     const offset = this.camera.position.clone().sub(this.controls.target);
     const up = new Vector3(0, 1, 0);
     const side = new Vector3().crossVectors(up, offset).normalize();
@@ -457,6 +494,7 @@ export class Viewer {
     const turn = turns[event.key];
     if (!turn) return;
     event.preventDefault();
+    this.isAiming = true;
     turn();
     this.camera.position.copy(this.controls.target).add(offset);
     this.controls.update();
@@ -472,6 +510,7 @@ export class Viewer {
     this.canvas.removeEventListener("pointerup", this.up);
     this.canvas.removeEventListener("pointercancel", this.cancel);
     this.canvas.removeEventListener("pointerleave", this.left);
+    this.canvas.removeEventListener("focus", this.aim);
     this.canvas.removeEventListener("blur", this.release);
     this.canvas.removeEventListener("wheel", this.wheel, { capture: true });
     this.canvas.removeEventListener("touchstart", this.touched);

@@ -1,5 +1,5 @@
 // What was scanned: captures, their models in the viewer, photographs, comparisons and downloads.
-import { readFileSync, readdirSync, statSync } from "node:fs";
+import { readFileSync, readdirSync, rmSync, statSync } from "node:fs";
 import { enter, expect, inGerman, make, shot, test } from "./fixtures.mjs";
 
 test("a small form of the model and of the preview is made once, and is what browsers load", async ({ page, rig }) => {
@@ -25,6 +25,12 @@ test("a small form of the model and of the preview is made once, and is what bro
   await page.reload();
   await expect.poll(() => picture.evaluate((img) => img.complete)).toBe(true);
   expect(readdirSync(rig.path("page-cache")).length).toBe(views);
+  // The cache may be emptied at any time: what is asked for is made again.
+  for (const name of readdirSync(rig.path("page-cache"))) rmSync(rig.path(`page-cache/${name}`));
+  const again = await page.request.get(`http://127.0.0.1:${rig.port}${new URL((await loaded).url()).pathname}`);
+  expect(again.status()).toBe(200);
+  expect(Number(again.headers()["content-length"])).toBeLessThan(whole / 2);
+  expect(readdirSync(rig.path("page-cache")).length).toBeGreaterThan(0);
   expect(rig.log("page").slice(logged)).not.toContain("for browsers");
 });
 
@@ -177,6 +183,29 @@ test("a measured point is dragged to another place of the model, which does not 
   await expect(canvas).toHaveCSS("cursor", "auto");
   await page.locator("[data-measure]").click();
   await expect(page.locator("[data-measure]")).toHaveAttribute("aria-pressed", "true");
+});
+
+test("the keyboard alone measures, from the middle of the picture", async ({ page, rig }) => {
+  await rig.prepare();
+  await enter(page, rig, "viewer");
+  const [recording, capture] = make(rig);
+  await page.goto(`http://127.0.0.1:${rig.port}/#/history/${recording}/${capture}`);
+  const canvas = page.locator("canvas[data-loaded]");
+  await expect(canvas).toBeVisible();
+  await expect(canvas).toHaveAccessibleName(/Enter takes the point in the middle of the picture/);
+  const told = page.locator(".viewer [role=status]");
+  await page.locator("[data-measure]").focus();
+  await page.keyboard.press("Enter");
+  await expect(told).toContainText("Tap the first point.");
+  await canvas.focus();
+  await page.keyboard.press("Enter");
+  await expect(told).toHaveText("Tap the second point.");
+  for (let n = 0; n < 2; n++) await page.keyboard.press("ArrowRight");
+  await page.keyboard.press("Enter");
+  await expect(told).toHaveText(/^\d+\.\d mm between/);
+  // Not the same point twice.
+  expect(parseFloat(await told.textContent())).toBeGreaterThan(1);
+  await expect(page.locator("[data-measure]")).toHaveAttribute("aria-pressed", "false");
 });
 
 test.describe("with a finger", () => {
