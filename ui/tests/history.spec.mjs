@@ -215,7 +215,10 @@ test.describe("with a finger", () => {
     const first = await distance();
     // Over a model that was not tapped last, a finger that moves up or down scrolls the page.
     const canvas = page.locator("canvas");
-    await canvas.evaluate((shown) => shown.blur());
+    await canvas.evaluate((shown) => {
+      shown.focus();
+      shown.blur();
+    });
     await expect(canvas).toHaveCSS("touch-action", "pan-y");
     const before = await page.evaluate(() => scrollY);
     const session = await page.context().newCDPSession(page);
