@@ -17,7 +17,7 @@ test("a model is made again with other settings, beside the first", async ({ pag
   await expect(page.getByLabel("Strongest light of the object")).toHaveAttribute("placeholder", "as configured: 0.06");
   await expect(page.getByLabel("Facets between the views").locator("option").first()).toHaveText("as configured: smoothed");
   const shadow = page.getByLabel("Dunkelster Schatten"); // German
-  await inGerman(page, () => expect(shadow).toHaveAttribute("placeholder", "wie eingestellt: 0,12"));
+  await inGerman(page, () => expect(shadow).toHaveAttribute("placeholder", "wie eingestellt: 0,12")); // German
   await page.getByRole("button", { name: "Make it again", exact: true }).click();
   await expect(page.locator(".remake .told")).toContainText("at least one setting");
   await cells.fill("60");
