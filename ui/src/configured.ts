@@ -1,5 +1,5 @@
-// How the rig is configured, as far as the daemon tells it: what models are made with from now on. A daemon of an earlier
-// version tells nothing of that.
+// How the rig is configured, as far as the daemon tells it: what models are made with from now on. A daemon of an
+// earlier version tells nothing of that.
 import type { Backlog } from "./api";
 
 /** From how many hours on a model has the age of its background pictures as a reason: the lower limit of amber and red.

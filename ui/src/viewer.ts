@@ -1,5 +1,5 @@
-// The viewer of a model: turns, zooms, shows colours, shape, provenance or expected error, and measures between two points,
-// which can be moved. It loads nothing but the model itself.
+// The viewer of a model: turns, zooms, shows colours, shape, provenance or expected error, and measures between two
+// points, which can be moved. It loads nothing but the model itself.
 import {
   AmbientLight,
   Box3,
@@ -34,7 +34,7 @@ export interface Shade {
   isOpen: boolean;
 }
 
-/** Colours of the provenances by their numbers, as on previews: told apart without red and green (after Okabe and Ito). */
+/** Colours of the provenances by their numbers, as on previews: told apart without red and green (Okabe and Ito). */
 const PROVENANCE = ["#9ea6b2", "#56b4e9", "#00b282", "#f0e442", "#e05e00", "#966ebe"];
 /** From small to large. */
 const ERROR = ["#440154", "#3b528b", "#21918c", "#5ec962", "#fde725"];
@@ -49,8 +49,8 @@ const START = 1.7;
 const TAP = 8;
 /** How near a pointer takes hold of a measured point, in pixels: a target of 48. */
 const REACH = 24;
-/** Radii of a measured point, of the one that Enter would take, and of the line between two, in pixels, however near the
- * model is seen. */
+/** Radii of a measured point, of the one that Enter would take, and of the line between two, in pixels, however near
+ * the model is seen. */
 const DOT = 7;
 const AIM = 4;
 const LINE = 1.5;

@@ -16,8 +16,8 @@ pub(super) const VIEWS: usize = 4;
 /// A model without colours.
 const CLAY: [u8; 3] = [205, 196, 182];
 
-/// The colour of each provenance; distinguishable without seeing red and green (after Okabe and Ito). The viewer in `ui`
-/// has the same.
+/// The colour of each provenance; distinguishable without seeing red and green (after Okabe and Ito). The viewer in
+/// `ui` has the same.
 pub(super) fn provenance_color(provenance: Provenance) -> [u8; 3] {
     match provenance {
         Provenance::Hull => [158, 166, 178],
