@@ -102,7 +102,7 @@ class RemakePart extends Part {
           <p class="quiet">${t("remake_hint")}</p>
           ${NUMBERS.map(
             ([name, words, hint, low, high, step, usual]) => html`
-              <label for=${name}>${t(words)} (${low} – ${high})</label>
+              <label for=${name}>${t(words)} (${plain(low)} – ${plain(high)})</label>
               <input
                 id=${name}
                 name=${name}
