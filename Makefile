@@ -33,7 +33,7 @@ page-bench: ui ## how much later captures are taken because of the page, and wha
 	$(if $(SCAND),,$(CARGO) build --release --locked --package scand --features aravis,page)
 	SCAND=$(or $(SCAND),target/release/scand) node ui/bench.mjs
 
-page-load: ui ## how long Chromium held to 20 Mbit/s takes until it shows a model (LOADS=4, RESOLUTION=240; SCAND=PROGRAM)
+page-load: ui ## how long Chromium held to 20 Mbit/s takes until it shows a model, and how smoothly that turns (LOADS=4, RESOLUTION=240; SCAND=PROGRAM)
 	$(if $(SCAND),,$(CARGO) build --release --locked --package scand --features aravis,page)
 	SCAND=$(or $(SCAND),target/release/scand) node ui/load.mjs
 

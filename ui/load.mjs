@@ -1,5 +1,6 @@
-// `make page-load`: how many bytes a model is on the wire, and how long Chromium that is held to 20 Mbit/s takes from the
-// request until the viewer shows it, each time without the browser's cache. It measures; it judges nothing.
+// `make page-load`: how many bytes a model is on the wire, how long Chromium that is held to 20 Mbit/s takes from the
+// request until the viewer shows it, each time without the browser's cache, and how many frames a second it draws while
+// the model is turned. It measures; it judges nothing.
 import { chromium } from "@playwright/test";
 import { statSync } from "node:fs";
 import config from "./playwright.config.mjs";
@@ -18,6 +19,32 @@ async function load(page, address) {
   await page.locator("canvas[data-loaded]").waitFor();
   const took = performance.now() - (await asked);
   return [took, Number((await answered).headers()["content-length"])];
+}
+
+/** How many frames a second are drawn while a hand turns the model for some seconds, and how long the longest took, in
+ * ms. This browser draws without a graphics card. */
+async function turn(page, seconds = 3) {
+  const box = await page.locator("canvas").boundingBox();
+  const [x, y] = [box.x + box.width / 2, box.y + box.height / 2];
+  await page.evaluate(() => {
+    window.drawn = [];
+    const next = (now) => {
+      window.drawn.push(now);
+      window.drawing = requestAnimationFrame(next);
+    };
+    window.drawing = requestAnimationFrame(next);
+  });
+  await page.mouse.move(x, y);
+  await page.mouse.down();
+  const end = performance.now() + seconds * 1000;
+  for (let n = 0; performance.now() < end; n++) await page.mouse.move(x + 150 * Math.sin(n / 30), y);
+  await page.mouse.up();
+  const drawn = await page.evaluate(() => {
+    cancelAnimationFrame(window.drawing);
+    return window.drawn;
+  });
+  const took = drawn.slice(1).map((now, n) => now - drawn[n]);
+  return [(1000 * took.length) / (drawn.at(-1) - drawn[0]), Math.max(...took)];
 }
 
 const rig = new Rig({ cameras: 11, size: "640x480", resolution: Number(process.env.RESOLUTION ?? 240) });
@@ -46,6 +73,8 @@ try {
     const [took, bytes] = await load(page, address);
     console.log(`on the wire ${megabytes(bytes)} MB, shown after ${(took / 1000).toFixed(2)} s`);
   }
+  const [rate, longest] = await turn(page);
+  console.log(`turned by hand: ${rate.toFixed(0)} frames a second, the longest took ${longest.toFixed(0)} ms`);
 } finally {
   await browser?.close();
   await rig.end();

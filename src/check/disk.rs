@@ -122,8 +122,12 @@ fn judge_speed(bytes_a_second: f64, capture_bytes: u64) -> Finding {
     Finding::not_ok(State::Advice, "disk: speed", found, remedy)
 }
 
-/// Checks the age of the newest backgrounds of the empty rig, which lie below the recordings' folder.
-pub fn plates(recordings: &Path) -> Finding {
+/// Hours after which backgrounds are advice, whatever the configuration says: the light of another day may differ.
+const OLD_PLATES_H: u64 = 12;
+
+/// Checks the age of the newest backgrounds of the empty rig, which lie below the recordings' folder. Beyond `limit_h`
+/// hours a model has their age as a reason.
+pub fn plates(recordings: &Path, limit_h: f64) -> Finding {
     let subject = "backgrounds";
     let files = std::fs::read_dir(recordings.join("plates"));
     let files = files.into_iter().flatten().flatten();
@@ -142,9 +146,14 @@ pub fn plates(recordings: &Path) -> Finding {
             format!("dated {seconds} s in the future: the clock was wrong when they were taken");
         return Finding::not_ok(State::Wrong, subject, found, remedy);
     }
-    let hours = age.unwrap_or_default().as_secs() / 3600;
+    let seconds = age.unwrap_or_default().as_secs();
+    let hours = seconds / 3600;
     let found = format!("{} old", count(hours as usize, "hour"));
-    if hours < 12 {
+    if seconds as f64 / 3600.0 > limit_h {
+        let found = format!("{found}, and models have that as a reason");
+        return Finding::not_ok(State::Advice, subject, found, remedy);
+    }
+    if hours < OLD_PLATES_H {
         return Finding::ok(subject, found);
     }
     Finding::not_ok(State::Advice, subject, found, remedy)
@@ -190,6 +199,7 @@ mod tests {
     #[test]
     fn plates_have_an_age() {
         let at = tempfile::tempdir().unwrap();
+        let plates = |at| plates(at, 24.0);
         assert_eq!(plates(at.path()).state, State::Wrong);
         std::fs::create_dir(at.path().join("plates")).unwrap();
         let file = std::fs::File::create(at.path().join("plates/a.mcap")).unwrap();
@@ -197,6 +207,18 @@ mod tests {
         let yesterday = SystemTime::now() - Duration::from_secs(86_400);
         file.set_modified(yesterday).unwrap();
         assert_eq!(plates(at.path()).state, State::Advice);
+        // A rig where models have a lower age as a reason, and one where none is.
+        file.set_modified(SystemTime::now() - Duration::from_secs(3 * 3600))
+            .unwrap();
+        assert_eq!(plates(at.path()).state, State::Ok);
+        let strict = super::plates(at.path(), 2.5);
+        assert_eq!(strict.state, State::Advice);
+        assert_eq!(
+            strict.found,
+            "3 hours old, and models have that as a reason"
+        );
+        let lax = super::plates(at.path(), f64::INFINITY);
+        assert_eq!(lax.state, State::Ok);
         let tomorrow = SystemTime::now() + Duration::from_secs(86_400);
         file.set_modified(tomorrow).unwrap();
         assert_eq!(plates(at.path()).state, State::Wrong);

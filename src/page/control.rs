@@ -161,3 +161,67 @@ fn answer(
         },
     })
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::io::ErrorKind;
+
+    fn runtime() -> tokio::runtime::Runtime {
+        let mut builder = tokio::runtime::Builder::new_current_thread();
+        builder.enable_all().build().unwrap()
+    }
+
+    /// Answers on a socket in this folder from now on; the socket.
+    fn serve_in(folder: &Path) -> std::path::PathBuf {
+        let path = folder.join("control.sock");
+        let own = path.clone();
+        let hour = Duration::from_secs(3600);
+        let sessions = Arc::new(Sessions::open(folder, hour, hour).unwrap());
+        let (ready, is_ready) = std::sync::mpsc::channel();
+        std::thread::spawn(move || {
+            runtime().block_on(async {
+                let listener = listen(&own).unwrap();
+                ready.send(()).unwrap();
+                serve(listener, sessions, "http://rig".into()).await;
+            });
+        });
+        is_ready.recv().unwrap();
+        path
+    }
+
+    #[test]
+    fn the_socket_is_for_its_owner_and_group_and_for_one_page() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("control.sock");
+        let runtime = runtime();
+        let _inside = runtime.enter();
+        let listener = listen(&path).unwrap();
+        let mode = std::fs::metadata(&path).unwrap().permissions().mode();
+        assert_eq!(mode & 0o777, 0o660);
+        let second = listen(&path).err().map(|error| error.kind());
+        assert_eq!(second, Some(ErrorKind::AddrInUse));
+        // What a page that was killed left is in nobody's way.
+        drop(listener);
+        listen(&path).unwrap();
+    }
+
+    #[test]
+    fn what_is_no_request_is_refused_and_the_next_one_is_answered() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = serve_in(folder.path());
+        for bad in ["\n", "{\"type\":\"open\"}\n", "\u{0}\u{1}[\n"] {
+            let mut stream = std::os::unix::net::UnixStream::connect(&path).unwrap();
+            stream.write_all(bad.as_bytes()).unwrap();
+            let mut line = String::new();
+            BufReader::new(stream).read_line(&mut line).unwrap();
+            let answer: Answer = serde_json::from_str(&line).unwrap();
+            assert!(matches!(answer, Answer::Refused { .. }), "{bad:?}: {line}");
+        }
+        let role = Role::Viewer;
+        match ask(&path, &ControlRequest::Pair { role }).unwrap() {
+            Answer::Link { link } => assert!(link.starts_with("http://rig/#pair="), "{link}"),
+            other => panic!("{other:?}"),
+        }
+    }
+}

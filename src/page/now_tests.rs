@@ -297,3 +297,15 @@ fn captures_are_kept_for_a_later_process_and_none_is_shown_as_if_it_were_so_now(
     assert_eq!(again.snapshot(later)["last"]["age_ms"], 15_000);
     assert_eq!(restored(OLDEST).captures().count(), 0);
 }
+
+#[test]
+fn what_models_are_made_with_reaches_browsers() {
+    let at = Instant::now();
+    let mut now = ready(at);
+    let mut told = status("ready");
+    told["models"] = json!({ "waiting": 0, "settings": { "hull.resolution": 80.0 } });
+    now.set_status(Some(told), at);
+    let shown = now.snapshot(at);
+    let settings = &shown["daemon"]["models"]["settings"];
+    assert_eq!(settings["hull.resolution"], 80.0);
+}

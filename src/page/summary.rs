@@ -260,6 +260,17 @@ mod tests {
     }
 
     #[test]
+    fn the_page_names_where_a_surface_comes_from_as_previews_do() {
+        let known = crate::description::PROVENANCES;
+        let expected = known.map(|(name, words)| (format!("from_{name}"), words));
+        let found = entries(ENGLISH, &["from_"]).into_iter();
+        let found: Vec<_> = found.map(|(key, words)| (key.to_owned(), words)).collect();
+        assert_eq!(found, expected);
+        let keys = |words| entries(words, &["from_"]).into_iter().map(|(key, _)| key);
+        assert!(keys(ENGLISH).eq(keys(GERMAN)));
+    }
+
+    #[test]
     fn the_page_recognizes_what_the_operating_system_says() {
         let known = entries(ENGLISH, &["os_"]);
         assert!(known.len() > 20, "{}", known.len());

@@ -5,6 +5,7 @@ use super::find::find;
 use super::job::{ENDING, Job, set_aside};
 use super::object_jobs::ObjectJobs;
 use super::remakes::Remakes;
+use super::told_settings::told;
 use crate::log;
 use crate::process::Cancel;
 use crate::recording::{Notes, Recording, unfinished_name};
@@ -51,6 +52,8 @@ struct State {
     failed: u64,
     /// What one takes, as far as is known.
     seconds: Option<f64>,
+    /// What clients are told of the settings.
+    settings: BTreeMap<String, serde_json::Value>,
 }
 
 /// What is to be done yet.
@@ -70,6 +73,10 @@ pub struct Backlog {
     pub objects: usize,
     /// Models that are to be made again with other settings, or are being made.
     pub remakes: usize,
+    /// What models that are begun from now on are made with, as far as clients are told: values by the names of the
+    /// settings. Empty until the first worker starts.
+    #[serde(skip_serializing_if = "BTreeMap::is_empty")]
+    pub settings: BTreeMap<String, serde_json::Value>,
 }
 
 /// A job that is being done.
@@ -327,6 +334,7 @@ impl Jobs {
             failed: state.failed,
             objects,
             remakes: self.remakes.len(),
+            settings: state.settings.clone(),
             running,
         }
     }
@@ -342,7 +350,9 @@ impl Jobs {
     /// # Errors
     /// If it cannot be written.
     pub fn set_settings(&self, settings: &str) -> Result<(), Error> {
-        Ok(write_atomically(&self.settings(), settings.as_bytes())?)
+        write_atomically(&self.settings(), settings.as_bytes())?;
+        self.state.lock().settings = told(settings);
+        Ok(())
     }
 
     /// Where the settings are.

@@ -1,7 +1,8 @@
 //! Schedules model jobs while the rig captures, and handles their failures. Jobs are files on the disk. Confined
 //! worker processes do them one after the other, with the code of `scand --replay`. The files `object_*` do the same
 //! for objects of which there are several captures: one thread finds how these lie, another has their model made.
-//! `remakes` has a capture's model made again with other settings, when nothing else waits.
+//! `remakes` has a capture's model made again with other settings, when nothing else waits. `told_settings` chooses
+//! what clients are told of the settings.
 //! `make_model` builds the models; nothing here does.
 
 mod address;
@@ -26,6 +27,7 @@ cfg_if::cfg_if! {
         mod remake_pool;
         mod remakes;
         mod threads;
+        mod told_settings;
         #[cfg(test)]
         mod object_tests;
         #[cfg(test)]

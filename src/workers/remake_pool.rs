@@ -178,6 +178,45 @@ fn name(made: &Path, beside: &Path, capture: &str) -> Result<PathBuf, String> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::clock::Clock;
+    use crate::reconstruct::Method;
+    use crate::workers::Parameters;
+    use std::collections::BTreeMap;
+
+    #[test]
+    fn a_remake_has_the_lowest_priority_and_its_settings_over_the_configured_ones() {
+        let folder = tempfile::tempdir().unwrap();
+        let parameters = Parameters {
+            folder: folder.path().into(),
+            nice: 3,
+            ..Parameters::default()
+        };
+        let making = Making {
+            jobs: Arc::new(Jobs::open(folder.path()).unwrap()),
+            plan: WorkerPlan {
+                parameters,
+                settings: String::new(),
+                clock: Clock::system(),
+                method: Method::default(),
+                keep_free: Arc::default(),
+                command: vec!["scand".into()],
+            },
+        };
+        let settings = BTreeMap::from([("hull.resolution".into(), 120.into())]);
+        let remake = Remake::new("a-0001", &settings).unwrap();
+        let command = making.command(Path::new("a.mcap"), &remake);
+        let arguments = command.get_args();
+        let arguments: Vec<_> = arguments.map(|a| a.to_string_lossy()).collect();
+        assert!(arguments.iter().any(|a| a == "--nice=19"), "{arguments:?}");
+        let set: Vec<_> = arguments.iter().skip_while(|a| *a != "--set").collect();
+        let expected = [
+            "--set",
+            "hull.resolution=120.0",
+            "--set",
+            "hull.cell_size=0.0",
+        ];
+        assert_eq!(set, expected);
+    }
 
     #[test]
     fn a_remake_takes_no_name_that_is_taken() {

@@ -17,6 +17,11 @@ const LARGEST_FILE: u64 = 64 << 10;
 /// How often something is looked for that nobody tells of.
 const LOOK_AGAIN: Duration = Duration::from_millis(300);
 
+/// The cells along the object, which count only if their size is not given.
+pub(super) const RESOLUTION: &str = "hull.resolution";
+/// The size of the cells in metres; 0 if it follows from the number.
+pub(super) const CELL_SIZE: &str = "hull.cell_size";
+
 /// A setting that may be chosen, and its values.
 struct Setting {
     key: &'static str,
@@ -31,7 +36,7 @@ enum Values {
 /// The settings that may be chosen: those that change what a model is like, and not where anything lies.
 const SETTINGS: [Setting; 6] = [
     Setting {
-        key: "hull.resolution",
+        key: RESOLUTION,
         values: Values::Between(40.0, 400.0),
     },
     Setting {
@@ -88,18 +93,28 @@ impl Remake {
             );
         }
         let pairs = settings.iter().map(|(key, value)| chosen(key, value));
+        let mut pairs: Vec<String> = pairs.collect::<Result<_, _>>()?;
+        if settings.contains_key(RESOLUTION) {
+            // Where the configuration gives the cells' size, their number would change nothing.
+            pairs.push(format!("{CELL_SIZE}=0.0"));
+        }
         Ok(Self {
             capture: capture.into(),
-            settings: pairs.collect::<Result<_, _>>()?,
+            settings: pairs,
             chosen: settings.clone(),
         })
     }
 }
 
+/// The names of the settings that may be chosen.
+pub(super) fn keys() -> impl Iterator<Item = &'static str> {
+    SETTINGS.iter().map(|setting| setting.key)
+}
+
 /// `KEY=VALUE`, if that may be chosen.
 fn chosen(key: &str, value: &Value) -> Result<String, String> {
     let Some(setting) = SETTINGS.iter().find(|setting| setting.key == key) else {
-        let known: Vec<&str> = SETTINGS.iter().map(|setting| setting.key).collect();
+        let known: Vec<&str> = keys().collect();
         return Err(format!(
             "{key:?} cannot be chosen, expected one of {}",
             known.join(", ")
@@ -287,8 +302,14 @@ mod tests {
         let found = new(json!({ "hull.resolution": 120, "hull.fairing": "none" })).unwrap();
         assert_eq!(
             found.settings,
-            ["hull.fairing=none", "hull.resolution=120.0"]
+            [
+                "hull.fairing=none",
+                "hull.resolution=120.0",
+                "hull.cell_size=0.0"
+            ]
         );
+        let other = new(json!({ "silhouette.spill": 0.1 })).unwrap();
+        assert_eq!(other.settings, ["silhouette.spill=0.1"]);
         for (bad, words) in [
             (json!({}), "at least one"),
             (json!({ "hull.resolution": 1000 }), "expected 40 to 400"),

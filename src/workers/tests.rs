@@ -521,3 +521,16 @@ fn notes_that_were_written_while_no_daemon_ran_take_effect_at_its_start() {
     let (_workers, heard) = place.start(&jobs, |_| ());
     assert_eq!([heard.next().capture, heard.next().capture], ["a-2", "a-3"]);
 }
+
+#[test]
+fn clients_are_told_what_the_next_model_is_made_with_also_after_a_reload() {
+    let place = Place::new("make");
+    let jobs = place.jobs();
+    assert!(jobs.backlog().settings.is_empty());
+    let settings = |amber: f64| format!("[verdict.background_age_h]\namber = {amber:?}\n");
+    let told = |jobs: &Jobs| jobs.backlog().settings["verdict.background_age_h"]["amber"].clone();
+    let (_workers, _heard) = place.start(&jobs, |plan| plan.settings = settings(36.0));
+    assert_eq!(told(&jobs), 36.0);
+    jobs.set_settings(&settings(7.5)).unwrap();
+    assert_eq!(told(&jobs), 7.5);
+}

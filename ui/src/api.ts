@@ -25,6 +25,8 @@ export interface Backlog {
   expected_s: number | null;
   /** Models that are to be made again with other settings; without it of an older daemon. */
   remakes?: number;
+  /** What models are made with from now on, by the settings' names; without it of an older daemon. */
+  settings?: Record<string, unknown>;
 }
 
 export interface Now {

@@ -8,6 +8,7 @@ import { Part } from "./element";
 import { cut, date, decision, reason, title, verdict } from "./history";
 import { live } from "./live";
 import "./photographs";
+import { PROVENANCES } from "./provenance";
 import "./remake";
 import { isKey, type Key, number, t } from "./words";
 import type { Measured, Mode, Shade, Viewer } from "./viewer";
@@ -334,8 +335,7 @@ class CapturePart extends Part {
   }
 
   private provenanceWords(value: number): string {
-    const names = ["hull", "carved", "restored", "bridged", "unseen", "table"];
-    return from(names[value] ?? String(value));
+    return from(PROVENANCES[value] ?? String(value));
   }
 
   private reasons(summary: api.Summary): TemplateResult {

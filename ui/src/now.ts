@@ -1,7 +1,8 @@
 // "Now": the one large sign, what it is about, and what an operator does.
 import { html, nothing, type TemplateResult } from "lit";
 import * as api from "./api";
-import type { Changed, Last, Now, ObjectTold } from "./api";
+import type { Backlog, Changed, Last, Now, ObjectTold } from "./api";
+import { platesLimit } from "./configured";
 import type { DoPart } from "./do";
 import "./do";
 import { Part } from "./element";
@@ -9,12 +10,11 @@ import { decision, verdict } from "./history";
 import { live } from "./live";
 import { list } from "./reasons";
 import { shown, sign } from "./signs";
-import { age, isKey, type Key, t } from "./words";
+import { age, isKey, type Key, plain, t } from "./words";
 import { isSaid, said, spoken } from "./words/said";
 
-/** Hours after which a verdict calls background pictures old, by the default of `verdict.background_age_h`: how the rig
- * is configured, the page is not told. */
-const PLATES_LIMIT_H = 24;
+/** Hours after which a verdict calls background pictures old, by the default of `verdict.background_age_h`. */
+const PLATES_USUAL_H = 24;
 /** Signs of a model that was made: its reasons are in its report. */
 const MODELS = ["green", "amber", "red"];
 
@@ -66,7 +66,7 @@ class NowPart extends Part {
         ${daemon.captures_left === null ? nothing : html`<li>${t("captures_left", { n: daemon.captures_left })}</li>`}
         ${daemon.models && !isBehind(now) ? html`<li>${backlog(daemon.models)}</li>` : nothing}
         <li class=${plates === null ? "warning" : ""}>
-          ${plates === null ? t("plates_none") : platesAge(plates)}
+          ${plates === null ? t("plates_none") : platesAge(plates, daemon.models)}
         </li>
         ${now.last ? html`<li>${this.last(now.last, now.sign)}</li>` : nothing}
         <li class="quiet">${t("updated", { age: age(daemon.age_ms + live.passed()) })}</li>
@@ -99,8 +99,16 @@ function hint(name: string, now: Now | null): Key {
 }
 
 /** How old the background pictures are, and from when on models have that as a reason. */
-export function platesAge(hours: number): string {
-  return `${t("plates_age", { age: age(hours * 3_600_000) })} ${t("plates_limit", { n: PLATES_LIMIT_H })}`;
+export function platesAge(hours: number, models: Backlog | null): string {
+  return `${t("plates_age", { age: age(hours * 3_600_000) })} ${whenOld(models)}`;
+}
+
+function whenOld(models: Backlog | null): string {
+  // Where no models are made, none has reasons.
+  if (models === null) return t("plates_light");
+  const limit = platesLimit(models);
+  if (limit === null) return t("plates_limit_usual", { n: PLATES_USUAL_H });
+  return limit === Infinity ? t("plates_no_limit") : t("plates_limit", { n: plain(limit) });
 }
 
 /** Whether the number of models to be made is from before the one that the sign says is being made. */

@@ -1,12 +1,13 @@
 // The viewer of a published folder (`scand publish`). The page has a picture and names the files of the levels of
 // detail, the least detailed first; this script puts the model in the picture's place. A page whose model cannot be
 // shown keeps its picture.
+import { PROVENANCES } from "./provenance";
 import type { Measured, Mode, Shade } from "./viewer";
 import { Viewer } from "./viewer";
 import { en } from "./words/en";
 
 const MODES: Mode[] = ["textured", "shaded", "provenance", "error"];
-const FROM = [en.from_hull, en.from_carved, en.from_restored, en.from_bridged, en.from_unseen, en.from_table];
+const FROM = PROVENANCES.map((name) => en[`from_${name}`]);
 const SVG = "http://www.w3.org/2000/svg";
 
 function element<K extends keyof HTMLElementTagNameMap>(name: K, text = "", about: Record<string, string> = {}): HTMLElementTagNameMap[K] {
@@ -73,7 +74,7 @@ class Shown {
     this.move(en.view_reset, en.view_reset, (viewer) => viewer.reset());
     const all = further.at(-1);
     if (!all) return;
-    const button = element("button", `Full detail (${all.words})`, { "data-full": "" });
+    const button = element("button", en.view_full.replace("{size}", all.words), { "data-full": "" });
     button.addEventListener("click", () => {
       button.disabled = true;
       void this.load(all.address);

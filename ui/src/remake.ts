@@ -5,17 +5,36 @@ import { told } from "./do";
 import { Part } from "./element";
 import { verdict } from "./history";
 import { live } from "./live";
-import { type Key, t } from "./words";
+import { type Key, plain, t } from "./words";
 import { said } from "./words/said";
 
 /** The fields of the form: the setting of each, its words and what these mean, its least and largest value and the step
- * between two, and its default: how the rig is configured, the page is not told. */
+ * between two, and its default. */
 const NUMBERS: [string, Key, Key, number, number, number, number][] = [
   ["hull.resolution", "remake_resolution", "remake_resolution_hint", 40, 400, 1, 200],
   ["silhouette.significance", "remake_significance", "remake_significance_hint", 1, 20, 0.5, 4],
   ["silhouette.darkest_shadow", "remake_shadow", "remake_shadow_hint", 0, 0.5, 0.01, 0.12],
+  ["silhouette.spill", "remake_spill", "remake_spill_hint", 0, 0.3, 0.01, 0.06],
   ["silhouette.smallest_hole_px", "remake_hole", "remake_hole_hint", 0, 10_000, 1, 40],
 ];
+
+/** What the daemon says that models are made with; nothing of a daemon of an earlier version. */
+const settings = () => live.now()?.daemon?.models?.settings;
+
+/** What a field stands for that is left empty: the present value, or, where nothing is told, the default. */
+function present(name: string, usual: number): string {
+  const all = settings();
+  if (!all) return t("remake_usual", { value: plain(usual) });
+  const value = all[name];
+  // The number of cells is not told where their size is configured.
+  return typeof value === "number" ? t("remake_configured", { value: plain(value) }) : t("remake_as_is");
+}
+
+function presentFairing(): string {
+  const value = settings()?.["hull.fairing"];
+  if (value !== "touch" && value !== "none") return t("remake_as_is");
+  return t("remake_configured", { value: t(`remake_${value}`) });
+}
 
 class RemakePart extends Part {
   static properties = { capture: {}, message: { state: true }, waiting: { state: true }, busy: { state: true } };
@@ -52,18 +71,18 @@ class RemakePart extends Part {
 
   private readonly send = async (event: SubmitEvent) => {
     event.preventDefault();
-    const settings: Record<string, number | string> = {};
+    const chosen: Record<string, number | string> = {};
     for (const field of this.querySelectorAll<HTMLInputElement | HTMLSelectElement>("[name]")) {
-      if (field.value !== "") settings[field.name] = field.name === "hull.fairing" ? field.value : Number(field.value);
+      if (field.value !== "") chosen[field.name] = field.name === "hull.fairing" ? field.value : Number(field.value);
     }
-    if (Object.keys(settings).length === 0) {
+    if (Object.keys(chosen).length === 0) {
       this.message = t("remake_nothing");
       return;
     }
     this.busy = true;
     [this.message, this.waiting] = ["", ""];
     try {
-      const answer = await api.remake(this.capture, settings);
+      const answer = await api.remake(this.capture, chosen);
       this.asked = performance.now();
       if (answer.type === "ok") this.waiting = t("remake_waits", { words: said(answer.words ?? "") });
       else this.message = told(answer);
@@ -83,7 +102,7 @@ class RemakePart extends Part {
           <p class="quiet">${t("remake_hint")}</p>
           ${NUMBERS.map(
             ([name, words, hint, low, high, step, usual]) => html`
-              <label for=${name}>${t(words)} (${low} – ${high})</label>
+              <label for=${name}>${t(words)} (${plain(low)} – ${plain(high)})</label>
               <input
                 id=${name}
                 name=${name}
@@ -92,7 +111,7 @@ class RemakePart extends Part {
                 max=${high}
                 step=${step}
                 inputmode="decimal"
-                placeholder=${t("remake_usual", { value: usual })}
+                placeholder=${present(name, usual)}
                 aria-describedby="${name}-hint"
               />
               <p class="quiet" id="${name}-hint">${t(hint)}</p>
@@ -100,7 +119,7 @@ class RemakePart extends Part {
           )}
           <label for="hull.fairing">${t("remake_fairing")}</label>
           <select id="hull.fairing" name="hull.fairing" aria-describedby="hull.fairing-hint">
-            <option value="">${t("remake_as_is")}</option>
+            <option value="">${presentFairing()}</option>
             <option value="touch">${t("remake_touch")}</option>
             <option value="none">${t("remake_none")}</option>
           </select>

@@ -1,6 +1,7 @@
 // "State": cameras with their settings as read back, disk, models, background pictures, and what to do for what is wrong.
 import { html, nothing, type TemplateResult } from "lit";
 import * as api from "./api";
+import { platesLimit } from "./configured";
 import { Part } from "./element";
 import { backlog, platesAge } from "./now";
 import { age, type Key, t } from "./words";
@@ -98,7 +99,7 @@ class StatePart extends Part {
         <section class="card"><h2>${t("models")}</h2><p>${status.models ? backlog(status.models) : t("models_off")}</p></section>
         <section class="card">
           <h2>${t("plates")}</h2>
-          <p>${plates === null ? t("plates_none") : platesAge(plates)}</p>
+          <p>${plates === null ? t("plates_none") : platesAge(plates, status.models ?? null)}</p>
         </section>
         <section class="card"><h2>${t("calibration")}</h2><p>${calibration(status)}</p></section>
       </div>
@@ -123,7 +124,9 @@ class StatePart extends Part {
     }
     const plates = status.plates_age_h ?? null;
     if (plates === null) found.push(t("todo_plates_none"));
-    else if (plates > OLD_PLATES_H) found.push(t("todo_plates_old", { age: age(plates * 3_600_000) }));
+    else if (plates > (platesLimit(status.models ?? null) ?? Infinity)) {
+      found.push(t("todo_plates_over", { age: age(plates * 3_600_000) }));
+    } else if (plates > OLD_PLATES_H) found.push(t("todo_plates_old", { age: age(plates * 3_600_000) }));
     const calibrated = status.calibration_age_h;
     if (calibrated === null) found.push(t("todo_calibration_none"));
     else if ((calibrated ?? 0) > OLD_CALIBRATION_H) found.push(t("todo_calibration_old", { age: hours(calibrated) }));

@@ -1,5 +1,5 @@
-// The viewer of a model: turns, zooms, shows colours, shape, provenance or expected error, and measures between two points.
-// It loads nothing but the model itself.
+// The viewer of a model: turns, zooms, shows colours, shape, provenance or expected error, and measures between two
+// points, which can be moved. It loads nothing but the model itself.
 import {
   AmbientLight,
   Box3,
@@ -34,8 +34,8 @@ export interface Shade {
   isOpen: boolean;
 }
 
-/** Colours that are told apart without red and green (Okabe and Ito). */
-const PROVENANCE = ["#0072b2", "#56b4e9", "#009e73", "#f0e442", "#d55e00", "#999999"];
+/** Colours of the provenances by their numbers, as on previews: told apart without red and green (Okabe and Ito). */
+const PROVENANCE = ["#9ea6b2", "#56b4e9", "#00b282", "#f0e442", "#e05e00", "#966ebe"];
 /** From small to large. */
 const ERROR = ["#440154", "#3b528b", "#21918c", "#5ec962", "#fde725"];
 /** The share of the vertices whose errors are within the scale: a few large ones would leave all others one colour. */
@@ -47,10 +47,24 @@ const NEARER = 0.85;
 const START = 1.7;
 /** A pointer that moved by more pixels between down and up turned the model, and did not tap it. */
 const TAP = 8;
-/** Radii of a measured point and of the line between two, in pixels, however near the model is seen. */
+/** How near a pointer takes hold of a measured point, in pixels: a target of 48. */
+const REACH = 24;
+/** Radii of a measured point, of the one that Enter would take, and of the line between two, in pixels, however near
+ * the model is seen. */
 const DOT = 7;
+const AIM = 4;
 const LINE = 1.5;
 const MARK = "#d55e00";
+
+/** A measured point that a pointer has hold of. */
+interface Grip {
+  /** The pointer's number, and the point's. */
+  pointer: number;
+  point: number;
+  /** From the pointer to the point, in pixels: a finger beside it does not hide where it goes. */
+  offset: Vector2;
+  isMoved: boolean;
+}
 
 export class Viewer {
   private readonly renderer: WebGLRenderer;
@@ -63,6 +77,10 @@ export class Viewer {
   private points: Vector3[] = [];
   /** What shows the measured points: a dot each, and a line; with radii in pixels. */
   private marks: { mesh: Mesh; radius: number }[] = [];
+  private readonly ink = new MeshBasicMaterial({ color: MARK, depthTest: false });
+  private grip: Grip | null = null;
+  /** Whether the keyboard is used, which measures from the middle of the picture. */
+  private isAiming = false;
   private isMeasuring = false;
   /** Whether the wheel alone zooms, and a finger turns in all directions: since a click or tap on the picture. */
   private isHeld = false;
@@ -114,12 +132,16 @@ export class Viewer {
     this.resized = new ResizeObserver(() => this.fit());
     this.resized.observe(canvas);
     canvas.addEventListener("keydown", this.key);
-    canvas.addEventListener("pointerdown", this.down);
+    canvas.addEventListener("pointermove", this.move);
     canvas.addEventListener("pointerup", this.up);
+    canvas.addEventListener("pointercancel", this.cancel);
     canvas.addEventListener("pointerleave", this.left);
+    canvas.addEventListener("focus", this.aim);
     canvas.addEventListener("blur", this.release);
     // Before the controls hear of it.
+    canvas.addEventListener("pointerdown", this.down, { capture: true });
     canvas.addEventListener("wheel", this.wheel, { capture: true, passive: true });
+    canvas.addEventListener("touchstart", this.touched, { passive: false });
     canvas.addEventListener("touchmove", this.touched, { passive: false });
     this.hold(false);
     this.fit();
@@ -226,12 +248,8 @@ export class Viewer {
   measure(isMeasuring: boolean): void {
     this.isMeasuring = isMeasuring;
     this.points = [];
-    for (const { mesh } of this.marks) {
-      this.scene.remove(mesh);
-      mesh.geometry.dispose();
-    }
-    this.marks = [];
-    this.draw();
+    this.grip = null;
+    this.showPoints();
   }
 
   /** Sees the model from a part or a multiple of the distance. */
@@ -258,6 +276,7 @@ export class Viewer {
     const distance = this.camera.position.distanceTo(this.controls.target);
     // For whoever looks how near it is: 2.00 is half as far away as at first.
     this.canvas.dataset.zoom = ((this.size * START) / distance).toFixed(2);
+    if (this.isAiming) this.showPoints();
     this.draw();
   };
 
@@ -267,7 +286,17 @@ export class Viewer {
     this.canvas.style.touchAction = isHeld ? "none" : "pan-y";
   }
 
-  private readonly release = () => this.hold(false);
+  private readonly release = () => {
+    this.isAiming = false;
+    this.showPoints();
+    this.hold(false);
+  };
+
+  /** Shows what Enter would take, to whoever came here with the keyboard. */
+  private readonly aim = () => {
+    this.isAiming = this.canvas.matches(":focus-visible");
+    this.showPoints();
+  };
 
   private readonly left = (event: PointerEvent) => {
     if (event.pointerType === "mouse") this.hold(false);
@@ -279,42 +308,140 @@ export class Viewer {
   };
 
   private readonly touched = (event: TouchEvent) => {
-    // Two fingers zoom, and do not scroll.
-    if (event.touches.length > 1 && event.cancelable) event.preventDefault();
+    // Two fingers zoom, and one that has hold of a point moves it: neither scrolls.
+    if ((event.touches.length > 1 || this.grip) && event.cancelable) event.preventDefault();
   };
 
   private readonly down = (event: PointerEvent) => {
+    // While a point is moved, another finger neither turns the model nor measures.
+    if (this.grip) {
+      event.stopImmediatePropagation();
+      return;
+    }
+    this.isAiming = false;
     this.pressed.set(event.clientX, event.clientY);
+    const point = event.button === 0 ? this.pointAt(event) : -1;
+    if (point < 0) return;
+    // The controls do not hear of it, so the model does not turn.
+    event.stopImmediatePropagation();
+    this.canvas.setPointerCapture(event.pointerId);
+    const offset = this.seenAt(this.points[point]).sub(this.placeOf(event));
+    this.grip = { pointer: event.pointerId, point, offset, isMoved: false };
+  };
+
+  private readonly move = (event: PointerEvent) => {
+    const { grip } = this;
+    if (!grip) {
+      this.canvas.style.cursor = this.pointAt(event) < 0 ? "" : "grab";
+      return;
+    }
+    if (event.pointerId !== grip.pointer) return;
+    // While a second point is awaited, it may be tapped close to the first one.
+    grip.isMoved ||= !this.isMeasuring || !this.isTap(event);
+    if (grip.isMoved) this.shift(grip.point, this.placeOf(event).add(grip.offset));
   };
 
   private readonly up = (event: PointerEvent) => {
-    // A tap, and not the end of a turn.
-    const moved = this.pressed.distanceTo(new Vector2(event.clientX, event.clientY));
-    if (moved > TAP) return;
+    const { grip } = this;
+    if (grip && event.pointerId !== grip.pointer) return;
+    this.grip = null;
+    if (grip?.isMoved || !this.isTap(event)) return;
     this.hold(true);
     if (!this.isMeasuring) return;
-    const box = this.canvas.getBoundingClientRect();
-    const x = ((event.clientX - box.left) / box.width) * 2 - 1;
-    const y = 1 - ((event.clientY - box.top) / box.height) * 2;
-    const ray = new Raycaster();
-    ray.setFromCamera(new Vector2(x, y), this.camera);
-    const hit = ray.intersectObjects(this.meshes, false)[0];
-    if (hit) this.take(hit.point);
-    else this.measured("beside");
+    this.takeAt(this.placeOf(event));
   };
 
+  private readonly cancel = (event: PointerEvent) => {
+    if (event.pointerId === this.grip?.pointer) this.grip = null;
+  };
+
+  /** Whether a pointer is where it was put down: a tap, and not the end of a turn. */
+  private isTap(event: PointerEvent): boolean {
+    return this.pressed.distanceTo(new Vector2(event.clientX, event.clientY)) <= TAP;
+  }
+
+  /** Where a pointer is in the picture, in pixels. */
+  private placeOf(event: PointerEvent): Vector2 {
+    const box = this.canvas.getBoundingClientRect();
+    return new Vector2(event.clientX - box.left, event.clientY - box.top);
+  }
+
+  /** Where a point is seen in the picture, in pixels. */
+  private seenAt(point: Vector3): Vector2 {
+    const { width, height } = this.canvas.getBoundingClientRect();
+    this.camera.updateMatrixWorld();
+    const seen = point.clone().project(this.camera);
+    return new Vector2(((seen.x + 1) / 2) * width, ((1 - seen.y) / 2) * height);
+  }
+
+  /** The measured point that a pointer would take hold of, the nearest; -1 if none is near. */
+  private pointAt(event: PointerEvent): number {
+    const place = this.placeOf(event);
+    const away = this.points.map((point) => this.seenAt(point).distanceTo(place));
+    const nearest = Math.min(...away);
+    return nearest <= REACH ? away.indexOf(nearest) : -1;
+  }
+
+  /** The object's point that is seen at a place of the picture. */
+  private hit(place: Vector2): Vector3 | undefined {
+    const { width, height } = this.canvas.getBoundingClientRect();
+    this.camera.updateMatrixWorld();
+    const ray = new Raycaster();
+    ray.setFromCamera(new Vector2((place.x / width) * 2 - 1, 1 - (place.y / height) * 2), this.camera);
+    return ray.intersectObjects(this.meshes, false)[0]?.point;
+  }
+
+  private middle(): Vector2 {
+    const { width, height } = this.canvas.getBoundingClientRect();
+    return new Vector2(width / 2, height / 2);
+  }
+
+  /** Takes what is seen at a place as the next point. */
+  private takeAt(place: Vector2): void {
+    const hit = this.hit(place);
+    if (hit) this.take(hit);
+    else this.measured("beside");
+  }
+
+  /** Moves a measured point to what is seen at a place; beside the object it stays where it was. */
+  private shift(point: number, place: Vector2): void {
+    const hit = this.hit(place);
+    if (!hit) return;
+    this.points[point] = hit;
+    this.showPoints();
+    if (this.points.length === 2) this.tell();
+  }
+
   private take(point: Vector3): void {
-    this.points.push(point.clone());
-    const dot = this.mark(new SphereGeometry(1), DOT);
-    dot.position.copy(point);
-    if (this.points.length < 2) {
+    this.points.push(point);
+    if (this.points.length === 2) {
+      this.isMeasuring = false;
+      this.tell();
+    } else {
       this.measured("second");
-      return;
     }
+    this.showPoints();
+  }
+
+  /** Tells the distance between both points. */
+  private tell(): void {
     const [from, to] = this.points;
-    this.join(from, to);
-    this.isMeasuring = false;
     this.measured(from.distanceTo(to) * 1000);
+  }
+
+  /** Draws the points that are measured, the line between two of them, and the point that Enter would take. */
+  private showPoints(): void {
+    for (const { mesh } of this.marks) {
+      this.scene.remove(mesh);
+      mesh.geometry.dispose();
+    }
+    this.marks = [];
+    for (const point of this.points) this.mark(new SphereGeometry(1), DOT).position.copy(point);
+    const [from, to] = this.points;
+    if (to) this.join(from, to);
+    const aimed = this.isMeasuring && this.isAiming ? this.hit(this.middle()) : undefined;
+    if (aimed) this.mark(new SphereGeometry(1), AIM).position.copy(aimed);
+    this.draw();
   }
 
   /** Draws the line that was measured. */
@@ -329,11 +456,10 @@ export class Viewer {
 
   /** Adds a mark of what is measured, which is seen through the object too. */
   private mark(geometry: BufferGeometry, radius: number): Mesh {
-    const mesh = new Mesh(geometry, new MeshBasicMaterial({ color: MARK, depthTest: false }));
+    const mesh = new Mesh(geometry, this.ink);
     mesh.renderOrder = 1;
     this.marks.push({ mesh, radius });
     this.scene.add(mesh);
-    this.draw();
     return mesh;
   }
 
@@ -343,11 +469,17 @@ export class Viewer {
     for (const { mesh, radius } of this.marks) {
       const pixel = (seen * this.camera.position.distanceTo(mesh.position)) / this.canvas.clientHeight;
       const across = radius * pixel;
-      mesh.scale.set(across, radius === DOT ? across : 1, across);
+      mesh.scale.set(across, radius === LINE ? 1 : across, across);
     }
   }
 
   private readonly key = (event: KeyboardEvent) => {
+    if (event.key === "Enter" && this.isMeasuring) {
+      event.preventDefault();
+      this.isAiming = true;
+      this.takeAt(this.middle());
+      return;
+    }
     const offset = this.camera.position.clone().sub(this.controls.target);
     const up = new Vector3(0, 1, 0);
     const side = new Vector3().crossVectors(up, offset).normalize();
@@ -362,6 +494,7 @@ export class Viewer {
     const turn = turns[event.key];
     if (!turn) return;
     event.preventDefault();
+    this.isAiming = true;
     turn();
     this.camera.position.copy(this.controls.target).add(offset);
     this.controls.update();
@@ -372,11 +505,15 @@ export class Viewer {
     cancelAnimationFrame(this.frame);
     this.resized.disconnect();
     this.canvas.removeEventListener("keydown", this.key);
-    this.canvas.removeEventListener("pointerdown", this.down);
+    this.canvas.removeEventListener("pointerdown", this.down, { capture: true });
+    this.canvas.removeEventListener("pointermove", this.move);
     this.canvas.removeEventListener("pointerup", this.up);
+    this.canvas.removeEventListener("pointercancel", this.cancel);
     this.canvas.removeEventListener("pointerleave", this.left);
+    this.canvas.removeEventListener("focus", this.aim);
     this.canvas.removeEventListener("blur", this.release);
     this.canvas.removeEventListener("wheel", this.wheel, { capture: true });
+    this.canvas.removeEventListener("touchstart", this.touched);
     this.canvas.removeEventListener("touchmove", this.touched);
     this.controls.dispose();
     for (const mesh of this.meshes) mesh.geometry.dispose();

@@ -5,6 +5,11 @@ test("a link signs one device in, its token leaves the address, and who is not s
   expected.push("401", "403");
   await page.goto(`http://127.0.0.1:${rig.port}/`);
   await expect(page.locator("pre")).toHaveText("scand page pair");
+  // The command prints the link, and the same as a picture for a tablet's camera.
+  const said = rig.scand("page", "pair", "--role", "viewer", "--config", "page.toml");
+  expect(said).toMatch(/^http:\/\/127\.0\.0\.1:\d+\/#pair=[0-9a-f]{64}$/m);
+  expect(said).toContain("within ten minutes");
+  expect(said.split("\n").filter((line) => /^[ ▀▄█]{30,}$/.test(line)).length).toBeGreaterThan(15);
   // A link that is opened where the page is already changes nothing but what is behind `#`.
   const link = rig.link();
   await page.goto(link);

@@ -7,7 +7,8 @@ import { Rig } from "./rig.mjs";
 export const test = base.extend({
   rig: [
     async ({}, use) => {
-      const rig = new Rig();
+      // Not the default, so that what the page shows is what the daemon tells.
+      const rig = new Rig({ platesLimit: 36 });
       try {
         await rig.start().catch((error) => {
           console.log(rig.lastWords());

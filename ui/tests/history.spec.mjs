@@ -1,6 +1,6 @@
 // What was scanned: captures, their models in the viewer, photographs, comparisons and downloads.
-import { readFileSync, readdirSync, statSync } from "node:fs";
-import { enter, expect, make, shot, test } from "./fixtures.mjs";
+import { readFileSync, readdirSync, rmSync, statSync } from "node:fs";
+import { enter, expect, inGerman, make, shot, test } from "./fixtures.mjs";
 
 test("a small form of the model and of the preview is made once, and is what browsers load", async ({ page, rig }) => {
   await rig.prepare();
@@ -25,6 +25,12 @@ test("a small form of the model and of the preview is made once, and is what bro
   await page.reload();
   await expect.poll(() => picture.evaluate((img) => img.complete)).toBe(true);
   expect(readdirSync(rig.path("page-cache")).length).toBe(views);
+  // The cache may be emptied at any time: what is asked for is made again.
+  for (const name of readdirSync(rig.path("page-cache"))) rmSync(rig.path(`page-cache/${name}`));
+  const again = await page.request.get(`http://127.0.0.1:${rig.port}${new URL((await loaded).url()).pathname}`);
+  expect(again.status()).toBe(200);
+  expect(Number(again.headers()["content-length"])).toBeLessThan(whole / 2);
+  expect(readdirSync(rig.path("page-cache")).length).toBeGreaterThan(0);
   expect(rig.log("page").slice(logged)).not.toContain("for browsers");
 });
 
@@ -127,6 +133,104 @@ test("measuring shows that it is on, and says when a tap is beside the object", 
   await expect(told).toHaveText("");
 });
 
+/** Opens a model and measures between two points of it, 80 pixels apart; the middle between them on the screen, and how
+ * far they are apart in mm. */
+async function measureAcross(page, rig, tap) {
+  await rig.prepare();
+  await enter(page, rig, "viewer");
+  const [recording, capture] = make(rig);
+  await page.goto(`http://127.0.0.1:${rig.port}/#/history/${recording}/${capture}`);
+  const canvas = page.locator("canvas[data-loaded]");
+  await expect(canvas).toBeVisible();
+  await expect(page.locator(".photographs img")).toHaveCount(rig.options.cameras);
+  await page.locator("[data-measure]").click();
+  const box = await canvas.boundingBox();
+  const [x, y] = [box.x + box.width / 2, box.y + box.height / 2];
+  const told = page.locator(".viewer [role=status]");
+  await tap(x - 40, y);
+  await expect(told).toHaveText("Tap the second point.");
+  await tap(x + 40, y);
+  await expect(told).toHaveText(/^\d+\.\d mm between the two points\. Drag one of them to move it\.$/);
+  return { x, y, distance: async () => parseFloat(await told.textContent()) };
+}
+
+test("a measured point is dragged to another place of the model, which does not turn meanwhile", async ({ page, rig }) => {
+  const { x, y, distance } = await measureAcross(page, rig, (x, y) => page.mouse.click(x, y));
+  const first = await distance();
+  const drag = async (from, to) => {
+    await page.mouse.move(...from);
+    await page.mouse.down();
+    await page.mouse.move(...to, { steps: 8 });
+    await page.mouse.up();
+  };
+  await drag([x + 40, y], [x, y]);
+  await expect.poll(distance).toBeLessThan(0.8 * first);
+  await shot(page, "moved");
+  // Back where it was it has the same distance, because the model is seen as before.
+  await drag([x, y], [x + 40, y]);
+  await expect.poll(distance).toBeCloseTo(first, 1);
+  // Beside the object it stays where it was last.
+  await drag([x + 40, y], [x + 40, y - 180]);
+  const before = await distance();
+  expect(before).toBeGreaterThan(0);
+  const canvas = page.locator("canvas");
+  await page.mouse.move(x - 40, y);
+  await expect(canvas).toHaveCSS("cursor", "grab");
+  // Somewhere else, a drag turns the model, and the distance stays.
+  await drag([x - 40, y + 60], [x + 60, y + 60]);
+  expect(await distance()).toBe(before);
+  await page.mouse.move(x - 40, y);
+  await expect(canvas).toHaveCSS("cursor", "auto");
+  await page.locator("[data-measure]").click();
+  await expect(page.locator("[data-measure]")).toHaveAttribute("aria-pressed", "true");
+});
+
+test("the keyboard alone measures, from the middle of the picture", async ({ page, rig }) => {
+  await rig.prepare();
+  await enter(page, rig, "viewer");
+  const [recording, capture] = make(rig);
+  await page.goto(`http://127.0.0.1:${rig.port}/#/history/${recording}/${capture}`);
+  const canvas = page.locator("canvas[data-loaded]");
+  await expect(canvas).toBeVisible();
+  await expect(canvas).toHaveAccessibleName(/Enter takes the point in the middle of the picture/);
+  const told = page.locator(".viewer [role=status]");
+  await page.locator("[data-measure]").focus();
+  await page.keyboard.press("Enter");
+  await expect(told).toContainText("Tap the first point.");
+  await canvas.focus();
+  await page.keyboard.press("Enter");
+  await expect(told).toHaveText("Tap the second point.");
+  for (let n = 0; n < 2; n++) await page.keyboard.press("ArrowRight");
+  await page.keyboard.press("Enter");
+  await expect(told).toHaveText(/^\d+\.\d mm between/);
+  // Not the same point twice.
+  expect(parseFloat(await told.textContent())).toBeGreaterThan(1);
+  await expect(page.locator("[data-measure]")).toHaveAttribute("aria-pressed", "false");
+});
+
+test.describe("with a finger", () => {
+  test.use({ hasTouch: true });
+  test("a measured point is dragged, and the page does not scroll meanwhile", async ({ page, rig }) => {
+    const { x, y, distance } = await measureAcross(page, rig, (x, y) => page.touchscreen.tap(x, y));
+    const first = await distance();
+    // Over a model that was not tapped last, a finger that moves up or down scrolls the page.
+    const canvas = page.locator("canvas");
+    await canvas.evaluate((shown) => {
+      shown.focus();
+      shown.blur();
+    });
+    await expect(canvas).toHaveCSS("touch-action", "pan-y");
+    const before = await page.evaluate(() => scrollY);
+    const session = await page.context().newCDPSession(page);
+    const touch = (type, ...touchPoints) => session.send("Input.dispatchTouchEvent", { type, touchPoints });
+    await touch("touchStart", { x: x + 50, y: y + 5 });
+    for (let n = 1; n <= 10; n++) await touch("touchMove", { x: x + 50, y: y + 5 - 5 * n });
+    await touch("touchEnd");
+    await expect.poll(distance).toBeGreaterThan(1.05 * first);
+    expect(await page.evaluate(() => scrollY)).toBe(before);
+  });
+});
+
 test("the scale of the expected errors leaves out the few largest ones, and says so", async ({ page, rig }) => {
   await rig.prepare();
   await enter(page, rig, "viewer");
@@ -140,6 +244,15 @@ test("the scale of the expected errors leaves out the few largest ones, and says
   await expect(shades.last()).toHaveText(/^\s*\d+\.\d\d and more\s*$/);
   await page.locator("[data-mode=provenance]").click();
   await expect(shades.filter({ hasText: "and more" })).toHaveCount(0);
+  // The words for where a surface comes from are those of the preview (docs/results.md), here and in the table.
+  const words = ["silhouettes", "carved by depth", "measured by depth", "interpolated", "a guess", "on the table"];
+  await expect(shades).toHaveText(words);
+  const rows = page.locator("dl + table tbody th");
+  await expect(rows.first()).toBeVisible();
+  const parts = await rows.allTextContents();
+  expect(parts).toContain("silhouettes");
+  expect(words).toEqual(expect.arrayContaining(parts));
+  await inGerman(page, () => expect(shades.nth(4)).toHaveText("geraten")); // German
 });
 
 /** The files that a capture's page offers, in its order, and their media types. */

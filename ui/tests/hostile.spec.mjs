@@ -116,6 +116,11 @@ test("a device that is signed out is out at once, its page says so, and its secr
     const bytes = readFileSync(rig.path(name));
     expect(secrets.filter((secret) => bytes.includes(secret)), name).toEqual([]);
   }
+  // A support bundle has, of the rig, the logs and the configuration that were looked through above, and these.
+  const status = rig.scand("status", "--socket", "scand.sock", "--json");
+  for (const text of [status, readFileSync(rig.path("calibration.toml"), "utf8")]) {
+    expect(secrets.filter((secret) => text.includes(secret))).toEqual([]);
+  }
   rig.scand("page", "revoke", "--all", "--config", "page.toml");
   await expect(page.locator("pre")).toHaveText("scand page pair", { timeout: 20_000 });
   await expect(page.getByRole("alert")).toHaveText("You are signed out: somebody signed this device out, or its time is up.");

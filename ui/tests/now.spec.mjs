@@ -1,4 +1,5 @@
 // The large sign: what it says of the rig and of the last capture, and the tone that goes with it.
+import AxeBuilder from "@axe-core/playwright";
 import { renameSync } from "node:fs";
 import { enter, expect, inGerman, make, shot, sign, test } from "./fixtures.mjs";
 import { SCAND, until } from "./rig.mjs";
@@ -40,6 +41,16 @@ test("each sign has a form and a word of its own, and says what to do, in each l
   };
   await differ();
   await inGerman(page, differ);
+  // Each of them is readable, in light and in dark.
+  for (const colorScheme of ["dark", "light"]) {
+    await page.emulateMedia({ colorScheme });
+    for (const name of SIGNS) {
+      await tell(name);
+      await expect(page.locator("[data-sign]")).toHaveAttribute("data-sign", name);
+      const found = await new AxeBuilder({ page }).include(".now").withRules(["color-contrast"]).analyze();
+      expect(found.violations.map(({ nodes }) => `${name}, ${colorScheme}: ${nodes[0].html}`)).toEqual([]);
+    }
+  }
   await tell("busy");
   await expect(page.locator(".now h1")).toHaveText("Please wait");
   // Of a daemon that told before the press, no number stands beside "The model is being made".

@@ -99,6 +99,10 @@ test("a model is shown in each way and at full detail, and measured", async ({ p
     await page.locator(`[data-mode=${mode}]`).click();
     await expect(page.locator(`[data-mode=${mode}]`)).toHaveAttribute("aria-pressed", "true");
   }
+  await page.locator("[data-mode=provenance]").click();
+  const words = ["silhouettes", "carved by depth", "measured by depth", "interpolated", "a guess", "on the table"];
+  await expect(page.locator(".legend li")).toHaveText(words);
+  await page.locator("[data-mode=textured]").click();
   await page.locator("[data-full]").click();
   await expect(page.locator("canvas[data-loaded='high.glb']")).toBeVisible();
   await page.locator("[data-measure]").click();

@@ -1,5 +1,5 @@
 // A model that is made again with other settings.
-import { enter, expect, make, shot, test } from "./fixtures.mjs";
+import { enter, expect, inGerman, make, shot, test } from "./fixtures.mjs";
 import { until } from "./rig.mjs";
 
 test("a model is made again with other settings, beside the first", async ({ page, rig }) => {
@@ -10,9 +10,17 @@ test("a model is made again with other settings, beside the first", async ({ pag
   const name = await page.locator(".facts a").textContent();
   await page.locator(".facts a").click();
   await page.getByText("Make it again with other settings").click();
+  // What stays as it is configured is told, and not what is usual.
+  const cells = page.getByLabel("Cells along the object");
+  await expect(cells).toHaveAttribute("placeholder", `as configured: ${rig.options.resolution}`);
+  await expect(page.getByLabel("Darkest shadow")).toHaveAttribute("placeholder", "as configured: 0.12");
+  await expect(page.getByLabel("Strongest light of the object")).toHaveAttribute("placeholder", "as configured: 0.06");
+  await expect(page.getByLabel("Facets between the views").locator("option").first()).toHaveText("as configured: smoothed");
+  const shadow = page.getByLabel("Dunkelster Schatten"); // German
+  await inGerman(page, () => expect(shadow).toHaveAttribute("placeholder", "wie eingestellt: 0,12")); // German
   await page.getByRole("button", { name: "Make it again", exact: true }).click();
   await expect(page.locator(".remake .told")).toContainText("at least one setting");
-  await page.getByLabel("Cells along the object").fill("60");
+  await cells.fill("60");
   await page.getByRole("button", { name: "Make it again", exact: true }).click();
   await expect(page.locator(".remake .told")).toHaveText(/^Waiting: the model of .* is made again/);
   const link = page.locator("[data-remade] a");

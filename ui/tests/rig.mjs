@@ -36,7 +36,7 @@ async function freePort() {
 
 export class Rig {
   constructor(options) {
-    this.options = { cameras: 6, size: "320x240", shape: "mug", resolution: 80, skew: [400, 1000], ...options };
+    this.options = { cameras: 6, size: "320x240", shape: "mug", resolution: 80, skew: [400, 1000], platesLimit: 24, ...options };
     this.folder = options?.folder ?? mkdtempSync(join(tmpdir(), "scand-page-"));
     mkdirSync(this.folder, { recursive: true });
     this.children = new Map();
@@ -235,6 +235,8 @@ hull_is_wanted = true
 [verdict.skew_ms]
 amber = ${this.options.skew[0]}
 red = ${this.options.skew[1]}
+[verdict.background_age_h]
+amber = ${this.options.platesLimit}.0
 [service]
 missing_cameras = ${cameras}
 patience_s = 1.0

@@ -1,4 +1,5 @@
 // The state of the rig, and what is to be done about it.
+import { readFileSync, writeFileSync } from "node:fs";
 import { enter, expect, inGerman, test } from "./fixtures.mjs";
 
 test("the state tells each camera's settings as read back, the disk, the models that wait and the ages", async ({ page, rig }) => {
@@ -14,7 +15,48 @@ test("the state tells each camera's settings as read back, the disk, the models 
   const main = page.locator("main");
   await expect(main).toContainText(/Room for \d+ captures/);
   await expect(main).toContainText(/Models to be made: \d+/);
-  await expect(main).toContainText(/Background pictures: \d+ (s|min) old \(old from 24 h on, unless configured otherwise/);
+  await expect(main).toContainText(/Background pictures: \d+ (s|min) old \(old from 36 h on; new ones/);
+});
+
+test("from when on background pictures are old is told as the daemon is configured, also after a reload", async ({ page, rig }) => {
+  await rig.prepare();
+  await enter(page, rig, "viewer");
+  const facts = page.locator(".facts");
+  await expect(facts).toContainText("(old from 36 h on; new ones whenever the light changed)");
+  const file = rig.path("rig.toml");
+  const before = readFileSync(file, "utf8");
+  const reload = (text) => {
+    writeFileSync(file, text);
+    rig.children.get("daemon").kill("SIGHUP");
+  };
+  try {
+    reload(before.replace("[verdict.background_age_h]\namber = 36.0", "[verdict.background_age_h]\namber = 48.0\nred = 7.5"));
+    await expect(facts).toContainText("(old from 7.5 h on; new ones");
+    await inGerman(page, () => expect(facts).toContainText("(alt ab 7,5 h; neue")); // German
+  } finally {
+    reload(before);
+  }
+  await expect(facts).toContainText("(old from 36 h on; new ones");
+});
+
+test("what is old by the daemon's limit is to be done, and a daemon that tells no limit has the usual one", async ({ page, rig }) => {
+  await enter(page, rig, "viewer");
+  const models = { waiting: 0, running: [], expected_s: null };
+  const status = { cameras: {}, plates_age_h: 9, calibration_age_h: 1, models };
+  await page.route("**/api/state", (route) => route.fulfill({ json: { status, age_ms: 5 } }));
+  await page.getByRole("link", { name: "State" }).click();
+  const main = page.locator("main");
+  await expect(main).toContainText("(old from 24 h on, unless configured otherwise; new ones");
+  await expect(main).toContainText("Nothing is wrong.");
+  models.settings = { "verdict.background_age_h": { amber: 8.0 } };
+  await expect(main).toContainText("(old from 8 h on; new ones");
+  await expect(main).toContainText("The background pictures are 9 h old, and models have that as a reason: take new ones.");
+  models.settings = { "verdict.background_age_h": { amber: null } };
+  await expect(main).toContainText("(no age is too high, as the rig is configured; new ones");
+  await expect(main).toContainText("Nothing is wrong.");
+  // Where no models are made, none has reasons.
+  status.models = null;
+  await expect(main).toContainText("9 h old (new ones whenever the light changed)");
 });
 
 test("what to do is what is wrong now, as `scand check` judges it, in the page's language", async ({ page, rig }) => {

@@ -109,6 +109,23 @@ impl Description {
     }
 }
 
+/// Where a vertex of a model comes from: the names by the numbers that files have, each with the words that people are
+/// shown. Previews, viewers and published pages share these words; docs/results.md explains them.
+pub const PROVENANCES: [(&str, &str); 6] = [
+    ("hull", "silhouettes"),
+    ("carved", "carved by depth"),
+    ("restored", "measured by depth"),
+    ("bridged", "interpolated"),
+    ("unseen", "a guess"),
+    ("table", "on the table"),
+];
+
+/// The words for a provenance of this name; `None` of one that is not known.
+pub fn provenance_words(name: &str) -> Option<&'static str> {
+    let mut known = PROVENANCES.into_iter();
+    known.find_map(|(own, words)| (own == name).then_some(words))
+}
+
 /// A text of a recording as files for people may carry it: one line, not endless; `None` if nothing is left.
 pub fn clean(text: &str) -> Option<String> {
     let letter = |c: char| if c.is_control() { ' ' } else { c };
@@ -132,6 +149,17 @@ mod tests {
             clean(&"x".repeat(9999)).map(|text| text.len()),
             Some(LONGEST)
         );
+    }
+
+    #[test]
+    fn the_documentation_has_the_words_for_each_provenance() {
+        let page = include_str!("../../../docs/results.md");
+        for (number, (name, words)) in PROVENANCES.into_iter().enumerate() {
+            let row = format!("\n| {number} | `{name}` | {words} | ");
+            assert!(page.contains(&row), "{row}");
+            assert_eq!(provenance_words(name), Some(words));
+        }
+        assert_eq!(provenance_words("of_another_version"), None);
     }
 
     #[test]

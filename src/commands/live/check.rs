@@ -251,7 +251,9 @@ fn disk(args: &Args, config: &Config, capture_bytes: u64, daemon_answers: bool) 
     if !args.no_speed && writable && findings.iter().all(|f| f.state != State::Wrong) {
         findings.push(check::speed(folder, capture_bytes));
     }
-    findings.push(check::plates(folder));
+    let limits = config.verdict.background_age_h;
+    let limit_h = limits.amber.min(limits.red.unwrap_or(f64::INFINITY));
+    findings.push(check::plates(folder, limit_h));
     findings
 }
 

@@ -44,7 +44,12 @@ export function number(value: number, digits: number): string {
   return format(value, digits, "auto");
 }
 
-/** A difference: the same with its sign, unless it rounds to zero. */
+/** A number with the digits that it has, at most six behind the decimal separator, as somebody would type it. */
+export function plain(value: number): string {
+  return new Intl.NumberFormat(current, { maximumFractionDigits: 6, useGrouping: false }).format(value);
+}
+
+/** A difference: a number with its sign, unless it rounds to zero. */
 export function difference(value: number, digits: number): string {
   return format(value, digits, "exceptZero");
 }

@@ -2,6 +2,7 @@
 //! comes from elsewhere, and a page without its viewer still shows a picture and the files.
 
 use super::{LevelFile, PublishedObject};
+use crate::description::provenance_words;
 use crate::level::Level;
 use crate::markup::escaped;
 use std::fmt::Write;
@@ -204,7 +205,7 @@ fn shares(object: &PublishedObject) -> String {
     let row = |part: &super::Share| {
         format!(
             "<tr><th scope=\"row\">{}</th><td>{:.0} %</td><td>{:.2} mm</td></tr>\n",
-            escaped(provenance_words(&part.provenance)),
+            escaped(provenance_words(&part.provenance).unwrap_or(&part.provenance)),
             part.share * 100.0,
             part.mean_expected_error * 1e3
         )
@@ -218,19 +219,6 @@ fn shares(object: &PublishedObject) -> String {
          true surface, not a measurement.</p>\n<table>\n<tr><th scope=\"col\">From</th><th scope=\"col\">Share</th>\
          <th scope=\"col\">Mean expected error</th></tr>\n{rows}</table>\n"
     )
-}
-
-/// A provenance in words; one that is not known as it is.
-fn provenance_words(name: &str) -> &str {
-    match name {
-        "hull" => "silhouettes",
-        "carved" => "carved by depth",
-        "restored" => "measured by depth",
-        "bridged" => "interpolated",
-        "unseen" => "hidden: a guess",
-        "table" => "on the table",
-        other => other,
-    }
 }
 
 fn notes(object: &PublishedObject) -> String {

@@ -16,7 +16,7 @@ pub use views::picture_of;
 
 use super::coarse::coarse;
 use super::verdict::Verdict;
-use crate::description::Description;
+use crate::description::{Description, PROVENANCES};
 use crate::image::{RgbImage, text_size};
 use crate::level::Level;
 use crate::mesh::{Mesh, bounding_box};
@@ -258,7 +258,8 @@ fn legend(sheet: &mut RgbImage, made: &Reconstruction, top: usize) -> usize {
             .filter(|&&p| p == provenance)
             .count();
         let share = 100.0 * count as f64 / total;
-        let label = format!("{} {share:.0} %", provenance_name(provenance));
+        let (_, words) = PROVENANCES[provenance as usize];
+        let label = format!("{words} {share:.0} %");
         let (color, ink) = if count > 0 {
             (provenance_color(provenance), INK)
         } else {
@@ -270,15 +271,4 @@ fn legend(sheet: &mut RgbImage, made: &Reconstruction, top: usize) -> usize {
         left += 24 + wide + 24;
     }
     top + LINE + GAP
-}
-
-fn provenance_name(provenance: Provenance) -> &'static str {
-    match provenance {
-        Provenance::Hull => "silhouettes",
-        Provenance::Carved => "carved by depth",
-        Provenance::Restored => "restored from depth",
-        Provenance::Bridged => "bridged over holes",
-        Provenance::Unseen => "not seen by depth",
-        Provenance::Table => "cut by the table",
-    }
 }

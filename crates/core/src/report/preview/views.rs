@@ -16,7 +16,8 @@ pub(super) const VIEWS: usize = 4;
 /// A model without colours.
 const CLAY: [u8; 3] = [205, 196, 182];
 
-/// The colour of each provenance; distinguishable without seeing red and green (after Okabe and Ito).
+/// The colour of each provenance; distinguishable without seeing red and green (after Okabe and Ito). The viewer in
+/// `ui` has the same.
 pub(super) fn provenance_color(provenance: Provenance) -> [u8; 3] {
     match provenance {
         Provenance::Hull => [158, 166, 178],
@@ -227,6 +228,25 @@ fn sample(atlas: &RgbImage, corners: [[f32; 2]; 3], weights: [f32; 3]) -> [u8; 3
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::description::PROVENANCES;
+
+    #[test]
+    fn the_viewers_names_and_colours_are_the_previews() {
+        let names = include_str!("../../../../../ui/src/provenance.ts");
+        let viewer = include_str!("../../../../../ui/src/viewer.ts");
+        let quoted = |text: &str| format!("\"{text}\"");
+        let known = PROVENANCES.map(|(name, _)| quoted(name)).join(", ");
+        assert!(names.contains(&format!("= [{known}] as const;")), "{known}");
+        let colors = Provenance::ALL.map(|provenance| {
+            let [red, green, blue] = provenance_color(provenance);
+            quoted(&format!("#{red:02x}{green:02x}{blue:02x}"))
+        });
+        let colors = format!("= [{}];", colors.join(", "));
+        assert!(viewer.contains(&colors), "{colors}");
+        // A number of one is a number of the other.
+        let serialized = Provenance::ALL.map(|p| serde_json::to_value(p).unwrap());
+        assert_eq!(serialized.to_vec(), PROVENANCES.map(|(name, _)| name));
+    }
 
     #[test]
     fn a_scale_bar_is_as_long_as_it_says() {
