@@ -150,7 +150,16 @@ fn mistakes_are_answered_with_what_to_do() {
         ("info flipped.mcap", 3, &["CRC"]),
         ("pack flipped.mcap", 1, &["CRC", "was left unchanged"]),
         ("info model.mcap", 1, &["is a PLY model"]),
-        ("evaluate . ball.mcap", 1, &[]),
+        (
+            "evaluate other ball.truth.ply",
+            1,
+            &["other: the folder has no model", "its folder"],
+        ),
+        (
+            "diff out/ball ball.truth.ply",
+            2,
+            &["out/ball: the folder has no model", "out/ball has ball-000"],
+        ),
         (
             "archive ball -o package --recordings empty",
             1,
