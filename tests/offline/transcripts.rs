@@ -244,6 +244,11 @@ fn a_copy_that_was_cut_off_is_told_first_and_can_be_completed() {
     let replay = desk.run(&["replay", "cut.mcap", "--set", "hull.resolution=40"]);
     let said = String::from_utf8_lossy(&replay.stderr).into_owned();
     assert!(said.starts_with("cut.mcap: cut off:"), "{said}");
+    // `--quiet` keeps progress back, and no error.
+    let quiet = desk.run(&["replay", "cut.mcap", "-q", "--set", "hull.resolution=40"]);
+    let said = String::from_utf8_lossy(&quiet.stderr).into_owned();
+    assert!(said.starts_with("cut.mcap: cut off:"), "{said}");
+    assert!(!said.contains("ball-000: reading"), "{said}");
     let recovered = desk.run(&["recover", "cut.mcap"]);
     let said = String::from_utf8_lossy(&recovered.stdout).into_owned();
     assert!(

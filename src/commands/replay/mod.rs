@@ -402,7 +402,7 @@ impl Replay<'_> {
         if let Ok(Some(words)) = first_aid(session.recording())
             && !is_told
         {
-            self.console.line(&words);
+            self.console.error(&words);
         }
     }
 
