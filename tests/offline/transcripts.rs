@@ -52,6 +52,16 @@ fn mistakes_are_answered_with_what_to_do() {
             78,
             &["\"abc\", expected a number"],
         ),
+        (
+            "replay ball.mcap --set resolution=100",
+            78,
+            &["did you mean hull.resolution?"],
+        ),
+        (
+            "replay ball.mcap --method hybird",
+            2,
+            &["did you mean \"hybrid\"?"],
+        ),
         ("replay ball.mcap --vertices x", 2, &["10000 or 10k"]),
         (
             "replay ball.mcap --vertices -5",
@@ -88,7 +98,7 @@ fn mistakes_are_answered_with_what_to_do() {
         (
             "replay ball.mcap --set hull.cell_size=1 -o large",
             1,
-            &["hull.cell_size is 1 m", "or less"],
+            &["hull.cell_size is 1 m", " mm or less"],
         ),
         ("replay ball.mcap --set hull.cell_size=4mm -q", 0, &[]),
         (

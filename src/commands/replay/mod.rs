@@ -14,7 +14,7 @@ mod shard;
 use crate::calibration::RigCalibration;
 use crate::capture::CaptureSession;
 use crate::commands::first_aid::first_aid;
-use crate::config::Config;
+use crate::config::{Config, plain};
 use crate::frame::CaptureId;
 use crate::make_model::{ModelMaker, Settings, mark};
 use crate::reconstruct::Method;
@@ -127,8 +127,9 @@ fn parse_vertices(text: &str) -> Result<u32, String> {
 }
 
 /// A method by the name that the configuration has for it.
-fn parse_method(name: &str) -> Result<Method, serde::de::value::Error> {
-    Method::deserialize(name.into_deserializer())
+fn parse_method(name: &str) -> Result<Method, String> {
+    let method: Result<_, serde::de::value::Error> = Method::deserialize(name.into_deserializer());
+    method.map_err(|error| plain(&error.to_string()))
 }
 
 impl Args {
