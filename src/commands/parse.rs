@@ -10,8 +10,12 @@ use std::path::Path;
 /// Reads the command line. Ends the process where it asks for help or cannot be read.
 pub fn parse() -> Cli {
     let arguments = asked_for_help(std::env::args_os().collect());
-    Cli::try_parse_from(&arguments).unwrap_or_else(|error| {
+    Cli::try_parse_from(&arguments).unwrap_or_else(|mut error| {
         let tip = tip(&error);
+        if tip.is_some() {
+            // What merely looks alike would mislead beside it.
+            error.remove(ContextKind::SuggestedSubcommand);
+        }
         let _ = error.print();
         if let Some(tip) = tip {
             eprintln!("\n  tip: {tip}");
@@ -60,7 +64,14 @@ fn tip(error: &Error) -> Option<String> {
         "accept" | "reject" | "clear" => "scand note CAPTURE accept|reject|clear",
         "repair" | "fix" => "scand recover FILE",
         "bag" | "bagit" | "package" => "scand archive NAME --out DIR",
+        "validate" => "scand verify DIR",
+        "list" | "ls" | "show" | "inspect" => "scand info FILE",
+        "compare" => "scand diff A B",
+        "measure" => "scand evaluate MODEL TRUTH",
+        "compress" => "scand pack FILE",
+        "merge" => "scand fuse FILE --subject NUMBER",
         "completions" | "completion" => "scand generate completions SHELL",
+        "man" | "manual" => "scand generate man DIR",
         _ => return None,
     };
     Some(format!("you may want: {known}"))

@@ -42,6 +42,7 @@ fn mistakes_are_answered_with_what_to_do() {
         ("ball.mcap", 2, &["scand replay ball.mcap"][..]),
         ("help replay", 0, &["FILE|FOLDER", "Examples:"]),
         ("version", 2, &["scand --version"]),
+        ("man", 2, &["scand generate man DIR"]),
         (
             "replay ball.mcap --set hull.resolutoin=100",
             78,
@@ -188,6 +189,11 @@ fn mistakes_are_answered_with_what_to_do() {
     ] {
         hold(&desk, line, code, words);
     }
+    let told = hold(&desk, "version", 2, &[]);
+    assert!(
+        !told.contains("similar"),
+        "what is meant is known, and what looks alike is not said: {told}"
+    );
     if !cfg!(feature = "live") {
         for line in ["run", "check --json", "pedal --device /dev/null"] {
             hold(
