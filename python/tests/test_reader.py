@@ -324,13 +324,16 @@ def test_a_message_that_is_cut_off_is_an_error():
         Schema(b"\x0a\xff\x01abc")
 
 
-def test_the_notebook_runs(monkeypatch, capsys, tmp_path):
+# Jupyter begins in the notebook's folder.
+@pytest.mark.parametrize("begin", [".", "python/examples"])
+def test_the_notebook_runs(monkeypatch, capsys, tmp_path, begin):
     folder = tmp_path / "out/cup/cup-000"
     folder.mkdir(parents=True)
     ply(folder / "model.ply")
     (folder / "report.json").write_text('{"version": 1, "verdict": {"level": "amber", "reasons": []}}')
     (tmp_path / "recordings").symlink_to(RECORDING.parent)
-    monkeypatch.chdir(tmp_path)
+    (tmp_path / begin).mkdir(parents=True, exist_ok=True)
+    monkeypatch.chdir(tmp_path / begin)
     notebook = json.loads((Path(__file__).parents[1] / "examples/capture.ipynb").read_text())
     names = {}
     for cell in notebook["cells"]:
