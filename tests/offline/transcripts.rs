@@ -177,6 +177,16 @@ fn mistakes_are_answered_with_what_to_do() {
             &["\"ball\"", "--recordings"],
         ),
         (
+            "archive nothing -o out",
+            1,
+            &["nothing was packed", "out already exists"],
+        ),
+        (
+            "archive ball -o /proc/none",
+            1,
+            &["nothing was packed", "/proc/none"],
+        ),
+        (
             "archive other -o package",
             1,
             &["is a folder", "--recordings", "--models"],

@@ -94,9 +94,11 @@ const DOCUMENTS: [(&str, &str); 7] = [
 /// # Errors
 /// If nothing has one of the names, a recording is not complete, or a file cannot be read or written.
 pub fn run(args: Args) -> anyhow::Result<ExitCode> {
+    // Before the recordings are read: a folder that cannot be written ends it at once.
+    let bag = Bag::create(&args.out).context("nothing was packed")?;
     let select::Selection { chosen, unread } = select::choose(&args.what, &args.recordings)?;
     let mut packing = Packing {
-        bag: Bag::create(&args.out)?,
+        bag,
         models: &args.models,
         kept: models::kept(&chosen),
         names: BTreeSet::new(),
@@ -208,9 +210,10 @@ impl Packing<'_> {
                 let path = format!("calibration/{name}.toml");
                 self.bag.put(&path, calibration.to_toml().as_bytes())?;
             }
-            Err(error) => self
-                .warnings
-                .push(format!("there is no calibration to add: {error}")),
+            Err(error) => self.warnings.push(format!(
+                "{}: there is no calibration to add: {error}",
+                chosen.path.display()
+            )),
         }
         for capture in &chosen.captures {
             self.add_capture(chosen, &stem, &name, capture)?;
