@@ -70,6 +70,7 @@ fn tip(error: &Error) -> Option<String> {
         "measure" => "scand evaluate MODEL TRUTH",
         "compress" => "scand pack FILE",
         "merge" => "scand fuse FILE --subject NUMBER",
+        "view" | "open" => "scand publish MODEL --out DIR, or any viewer of glTF files",
         "completions" | "completion" => "scand generate completions SHELL",
         "man" | "manual" => "scand generate man DIR",
         _ => return None,

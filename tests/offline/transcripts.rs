@@ -191,6 +191,23 @@ fn mistakes_are_answered_with_what_to_do() {
             1,
             &["is a folder", "--recordings", "--models"],
         ),
+        ("info empty", 1, &["empty", "has no recording"]),
+        (
+            "info other",
+            0,
+            &["Captures", "ball-001 at 2026-01-01T00:00:15.000Z"],
+        ),
+        (
+            "pack other",
+            1,
+            &["is a folder, expected an MCAP recording"],
+        ),
+        ("verify ball.mcap", 1, &["a package is a folder"]),
+        (
+            "note ball-000 accept --socket none.sock",
+            69,
+            &["is the daemon running", "--recording FILE.mcap"],
+        ),
         (
             "trigger --socket none.sock",
             69,

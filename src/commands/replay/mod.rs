@@ -114,6 +114,15 @@ struct Options {
     strict: bool,
 }
 
+/// The recordings that are named by their files or by their folders, and what a person should know of the folders.
+///
+/// # Errors
+/// If a folder cannot be read, or has no recording.
+pub(super) fn find_recordings(paths: &[PathBuf]) -> anyhow::Result<(Vec<PathBuf>, Vec<String>)> {
+    let found = files::find(paths)?;
+    Ok((found.recordings, found.warnings))
+}
+
 /// A number of vertices, also in thousands (`10k`).
 fn parse_vertices(text: &str) -> Result<u32, String> {
     let (digits, factor) = match text.strip_suffix(['k', 'K']) {
