@@ -16,12 +16,46 @@ pub fn parse() -> Cli {
             // What merely looks alike would mislead beside it.
             error.remove(ContextKind::SuggestedSubcommand);
         }
-        let _ = error.print();
+        print(&error);
         if let Some(tip) = tip {
             eprintln!("\n  tip: {tip}");
         }
         std::process::exit(error.exit_code())
     })
+}
+
+fn print(error: &Error) {
+    let rendered = error.render().to_string();
+    let plain = in_plain_words(&rendered);
+    if error.kind() == ErrorKind::ValueValidation && plain != rendered {
+        eprint!("{plain}");
+    } else {
+        let _ = error.print();
+    }
+}
+
+/// A message about a number as a person would say it, and not as Rust's parsers do.
+fn in_plain_words(text: &str) -> String {
+    let text = text
+        .replace("invalid digit found in string", "expected a whole number")
+        .replace(
+            "cannot parse integer from empty string",
+            "expected a whole number",
+        )
+        .replace(
+            "number too large to fit in target type",
+            "the number is too large",
+        )
+        .replace("invalid float literal", "expected a number");
+    let range = text.split_once(" is not in ").and_then(|(before, after)| {
+        let (least, after) = after.split_once("..")?;
+        let is_number = least.parse::<i64>().is_ok();
+        is_number.then(|| match after.strip_prefix('=') {
+            Some(most) => format!("{before}, expected {least} to {most}"),
+            None => format!("{before}, expected {least} or more{after}"),
+        })
+    });
+    range.unwrap_or(text)
 }
 
 /// `scand help COMMAND` of a command that this build does not have is that command, which says where it is.
@@ -84,6 +118,27 @@ mod tests {
 
     fn words(line: &str) -> Vec<OsString> {
         line.split(' ').map(Into::into).collect()
+    }
+
+    #[test]
+    fn numbers_are_asked_for_in_words() {
+        for (rust, words) in [
+            (
+                "'--jobs <N>': 0 is not in 1..=64\n",
+                "'--jobs <N>': 0, expected 1 to 64\n",
+            ),
+            (
+                "'-n <N>': 0 is not in 1..\n",
+                "'-n <N>': 0, expected 1 or more\n",
+            ),
+            (
+                "'-n <N>': invalid digit found in string",
+                "'-n <N>': expected a whole number",
+            ),
+            ("c77 is not in the list..", "c77 is not in the list.."),
+        ] {
+            assert_eq!(in_plain_words(rust), words);
+        }
     }
 
     #[test]

@@ -64,6 +64,8 @@ fn mistakes_are_answered_with_what_to_do() {
             &["did you mean \"hybrid\"?"],
         ),
         ("replay ball.mcap --vertices x", 2, &["10000 or 10k"]),
+        ("replay ball.mcap --jobs x", 2, &["expected a whole number"]),
+        ("replay ball.mcap --jobs 0", 2, &["0, expected 1 to 64"]),
         (
             "replay ball.mcap --vertices -5",
             2,
