@@ -513,7 +513,11 @@ fn capture_lines(capture: &CaptureSummary) -> Vec<String> {
         None => "complete".to_owned(),
         Some(reason) => format!("failed: {}", value(reason)),
     };
-    let skew_ms = *skew_ns as f64 / 1e6;
+    // Of one picture alone there is none.
+    let skew = match *color_frames {
+        0 | 1 => String::new(),
+        _ => format!(", skew {:.2} ms", *skew_ns as f64 / 1e6),
+    };
     let object = subject.as_ref().map_or_else(String::new, |number| {
         format!(" of object {}", value(number))
     });
@@ -521,7 +525,7 @@ fn capture_lines(capture: &CaptureSummary) -> Vec<String> {
         .as_ref()
         .map_or_else(String::new, |words| format!(", {}", value(words)));
     let line = format!(
-        "{id}{object}{placed} at {} by {}: {} and {}, skew {skew_ms} ms, {outcome}",
+        "{id}{object}{placed} at {} by {}: {} and {}{skew}, {outcome}",
         time.iso_8601(),
         value(source),
         count(*color_frames, "colour frame"),

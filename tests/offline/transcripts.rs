@@ -96,7 +96,11 @@ fn mistakes_are_answered_with_what_to_do() {
         (
             "info ball.mcap",
             0,
-            &["2026-01-01T00:00:05.000Z", "[-0.0340, -0.0340, 0.0000]"],
+            &[
+                "2026-01-01T00:00:05.000Z",
+                "[-0.0340, -0.0340, 0.0000]",
+                "5 colour frames and 0 depth frames, skew 1.50 ms, complete",
+            ],
         ),
         (
             "replay ball.mcap --set hull.cell_size=1 -o large",
