@@ -12,7 +12,7 @@ use crate::calibrate::of_recording;
 use crate::frame::Timestamp;
 use crate::make_model::marked;
 use crate::notes::CaptureNotes;
-use crate::recording::beside;
+use crate::recording::{beside, notes_to_copy};
 use crate::words::{count, printable};
 use anyhow::Context;
 use models::{FoundModel, ModelInput, ObjectModel};
@@ -188,10 +188,12 @@ impl Packing<'_> {
         let name = self.free_name(&safe(&stem));
         self.bag
             .put_file(&format!("recordings/{name}.mcap"), &chosen.path)?;
-        let notes = beside(&chosen.path);
-        if notes.is_file() {
-            self.bag
-                .put_file(&format!("recordings/{name}.notes.jsonl"), &notes)?;
+        match notes_to_copy(&chosen.path) {
+            Ok(Some(notes)) => self
+                .bag
+                .put_file(&format!("recordings/{name}.notes.jsonl"), &notes)?,
+            Ok(None) => {}
+            Err(error) => self.leave_out(&beside(&chosen.path), &error.to_string()),
         }
         let recording = chosen.session.recording();
         let damage = recording.verify()?;
@@ -275,6 +277,7 @@ impl Packing<'_> {
                 return (input != ModelInput::OtherRecording).then_some((report, input));
             }
             FoundModel::Failure(reason) => format!("its model could not be made ({reason})"),
+            FoundModel::Link => format!("the model in {} is a link", folder.display()),
             FoundModel::Nothing => format!("no model is in {}", folder.display()),
         };
         self.warnings
@@ -334,11 +337,20 @@ impl Packing<'_> {
                 (models::REPORT, Some(bytes), _) | (models::PREVIEW, _, Some(bytes)) => {
                     self.bag.put(&place, bytes)?;
                 }
-                _ if path.is_file() => self.bag.put_file(&place, &path)?,
+                _ if models::is_file_itself(&path) => self.bag.put_file(&place, &path)?,
+                _ if path.is_symlink() => self.leave_out(&path, models::IS_LINK),
                 _ => {}
             }
         }
         Ok(())
+    }
+
+    /// Says of a file why the package does not have it.
+    fn leave_out(&mut self, path: &Path, why: &str) {
+        self.damaged = true;
+        let path = path.display();
+        self.warnings
+            .push(format!("{path}: {why}; the package does not have it"));
     }
 
     /// A name that no other recording has in the package.
