@@ -344,6 +344,18 @@ def test_the_notebook_runs(monkeypatch, capsys, tmp_path, begin):
     assert "a-1 amber" in told and "restored  33.3%, expected error 2.00 mm" in told
 
 
+def test_what_cannot_be_converted_for_rerun_is_said_in_a_line(monkeypatch, tmp_path):
+    from scand import to_rerun
+
+    monkeypatch.setattr(to_rerun.importlib.util, "find_spec", lambda name: True)
+    monkeypatch.setattr(to_rerun, "convert", lambda recording, out, models: list(scand.Recording(recording).captures()))
+    (tmp_path / "text.mcap").write_text("I am no recording")
+    for name in ("text.mcap", "absent.mcap"):
+        monkeypatch.setattr("sys.argv", ["to_rerun", str(tmp_path / name)])
+        with pytest.raises(SystemExit, match=f"to_rerun: .*{name}"):
+            to_rerun.main()
+
+
 def test_a_ply_says_any_letter_in_ascii(tmp_path):
     path = ply(tmp_path / "model.ply")
     escaped = rb'comment title Krater \u00ab\u0397\u00bb \\u00 "\ud80c\udc00" 100 %'
