@@ -15,6 +15,7 @@ pub fn parse() -> Cli {
         if tip.is_some() {
             // What merely looks alike would mislead beside it.
             error.remove(ContextKind::SuggestedSubcommand);
+            error.remove(ContextKind::Suggested);
         }
         print(&error);
         if let Some(tip) = tip {
@@ -74,12 +75,29 @@ fn asked_for_help(mut arguments: Vec<OsString>) -> Vec<OsString> {
 
 /// What a person should know about an error besides its text.
 fn tip(error: &Error) -> Option<String> {
-    if error.kind() != ErrorKind::InvalidSubcommand {
-        return None;
-    }
-    let Some(ContextValue::String(word)) = error.get(ContextKind::InvalidSubcommand) else {
-        return None;
+    let said = |kind: ContextKind| match error.get(kind) {
+        Some(ContextValue::String(word)) => Some(word.as_str()),
+        _ => None,
     };
+    match error.kind() {
+        ErrorKind::InvalidSubcommand => tip_of_command(said(ContextKind::InvalidSubcommand)?),
+        ErrorKind::UnknownArgument => tip_of_option(said(ContextKind::InvalidArg)?),
+        _ => None,
+    }
+}
+
+/// Of an option that another build has.
+fn tip_of_option(word: &str) -> Option<String> {
+    let of_fleet = ["--fleet", "--credentials", "--authority", "--in-flight"];
+    (!cfg!(feature = "fleet") && of_fleet.contains(&word)).then(|| {
+        "this build of scand makes models on this machine alone: the Debian package that `make deb` makes and builds \
+         with `--features fleet` have workers"
+            .into()
+    })
+}
+
+/// Of a word that is no command.
+fn tip_of_command(word: &str) -> Option<String> {
     let is_recording = [".mcap", ".part"]
         .iter()
         .any(|ending| word.ends_with(ending));
@@ -87,7 +105,7 @@ fn tip(error: &Error) -> Option<String> {
         let file = shell_word(Path::new(word));
         return Some(format!("to reconstruct a recording: scand replay {file}"));
     }
-    let known = match word.as_str() {
+    let known = match word {
         "version" => "scand --version",
         "convert" | "save" => "scand export MODEL --format obj|stl|3mf|usdz|glb",
         "export-ros" => "scand calibrate --from FILE --ros DIR",

@@ -227,6 +227,11 @@ fn mistakes_are_answered_with_what_to_do() {
         !told.contains("similar"),
         "what is meant is known, and what looks alike is not said: {told}"
     );
+    if !cfg!(feature = "fleet") {
+        let line = "replay ball.mcap --fleet tls://rig";
+        let told = hold(&desk, line, 2, &["make deb", "--features fleet"]);
+        assert!(!told.contains("as a value"), "{told}");
+    }
     if !cfg!(feature = "live") {
         for line in ["run", "check --json", "pedal --device /dev/null"] {
             hold(
