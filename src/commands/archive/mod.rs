@@ -277,7 +277,10 @@ impl Packing<'_> {
                 return (input != ModelInput::OtherRecording).then_some((report, input));
             }
             FoundModel::Failure(reason) => format!("its model could not be made ({reason})"),
-            FoundModel::Link => format!("the model in {} is a link", folder.display()),
+            FoundModel::Link => {
+                self.damaged = true;
+                format!("the model in {} is a link", folder.display())
+            }
             FoundModel::Nothing => format!("no model is in {}", folder.display()),
         };
         self.warnings
