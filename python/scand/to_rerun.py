@@ -72,10 +72,15 @@ def main():
     parser.add_argument("-o", "--out", type=Path, help="default: the recording's name with .rrd, here")
     parser.add_argument("--models", type=Path, help="show the models of this folder, such as out")
     asked = parser.parse_args()
+    if not asked.recording.is_file():
+        sys.exit(f"to_rerun: {asked.recording} is no file: give the recording that is to be converted")
     if importlib.util.find_spec("rerun") is None:
         sys.exit("to_rerun: the package rerun-sdk is missing: install it with pip install rerun-sdk")
     out = asked.out or Path(asked.recording.stem + ".rrd")
-    count = convert(asked.recording, out, asked.models)
+    try:
+        count = convert(asked.recording, out, asked.models)
+    except (OSError, ValueError) as error:
+        sys.exit(f"to_rerun: {error}")
     print(f"{out}: {count} capture{'' if count == 1 else 's'}; open it with: rerun {out}")
 
 

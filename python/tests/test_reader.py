@@ -324,13 +324,16 @@ def test_a_message_that_is_cut_off_is_an_error():
         Schema(b"\x0a\xff\x01abc")
 
 
-def test_the_notebook_runs(monkeypatch, capsys, tmp_path):
+# Jupyter begins in the notebook's folder.
+@pytest.mark.parametrize("begin", [".", "python/examples"])
+def test_the_notebook_runs(monkeypatch, capsys, tmp_path, begin):
     folder = tmp_path / "out/cup/cup-000"
     folder.mkdir(parents=True)
     ply(folder / "model.ply")
     (folder / "report.json").write_text('{"version": 1, "verdict": {"level": "amber", "reasons": []}}')
     (tmp_path / "recordings").symlink_to(RECORDING.parent)
-    monkeypatch.chdir(tmp_path)
+    (tmp_path / begin).mkdir(parents=True, exist_ok=True)
+    monkeypatch.chdir(tmp_path / begin)
     notebook = json.loads((Path(__file__).parents[1] / "examples/capture.ipynb").read_text())
     names = {}
     for cell in notebook["cells"]:
@@ -339,6 +342,18 @@ def test_the_notebook_runs(monkeypatch, capsys, tmp_path):
     told = capsys.readouterr().out
     assert "of the pixels, noise" in told and "c00" in told
     assert "a-1 amber" in told and "restored  33.3%, expected error 2.00 mm" in told
+
+
+def test_what_cannot_be_converted_for_rerun_is_said_in_a_line(monkeypatch, tmp_path):
+    from scand import to_rerun
+
+    monkeypatch.setattr(to_rerun.importlib.util, "find_spec", lambda name: True)
+    monkeypatch.setattr(to_rerun, "convert", lambda recording, out, models: list(scand.Recording(recording).captures()))
+    (tmp_path / "text.mcap").write_text("I am no recording")
+    for name in ("text.mcap", "absent.mcap"):
+        monkeypatch.setattr("sys.argv", ["to_rerun", str(tmp_path / name)])
+        with pytest.raises(SystemExit, match=f"to_rerun: .*{name}"):
+            to_rerun.main()
 
 
 def test_a_ply_says_any_letter_in_ascii(tmp_path):

@@ -32,29 +32,29 @@ const MOST_LISTED: usize = 5;
 /// The file of a model that is named by its file, or by the folder that a replay made.
 ///
 /// # Errors
-/// If nothing has that name; the message lists what is beside it.
+/// If nothing has that name, or it is a folder without a model; the message lists the folders that may be meant.
 pub(super) fn model_file(path: &Path) -> anyhow::Result<PathBuf> {
-    let inside = path.join("model.ply");
-    if inside.is_file() {
+    let files = ["model.ply", "model.glb"].map(|name| path.join(name));
+    if let Some(inside) = files.into_iter().find(|file| file.is_file()) {
         return Ok(inside);
     }
+    let found = path.display();
+    let advice = "name a model's file or its folder";
     if let Err(error) = path.symlink_metadata() {
-        anyhow::bail!(
-            "{}: {error}: name a model's file or its folder{}",
-            path.display(),
-            neighbours(path)
-        );
+        let above = path.ancestors().skip(1).find(|folder| folder.is_dir());
+        let listed = above.map_or_else(String::new, folders_in);
+        anyhow::bail!("{found}: {error}: {advice}{listed}");
     }
+    anyhow::ensure!(
+        !path.is_dir(),
+        "{found}: the folder has no model: {advice}{}",
+        folders_in(path)
+    );
     Ok(path.to_owned())
 }
 
-/// The folders where the first part of a path is missing, in words.
-fn neighbours(path: &Path) -> String {
-    let is_there = |folder: &&Path| folder.is_dir();
-    let mut above = path.ancestors().skip(1);
-    let Some(folder) = above.find(is_there) else {
-        return String::new();
-    };
+/// The folders in a folder, in words.
+fn folders_in(folder: &Path) -> String {
     let entries = std::fs::read_dir(folder).into_iter().flatten().flatten();
     let folders = entries.map(|entry| entry.path()).filter(|p| p.is_dir());
     let mut names: Vec<String> = folders

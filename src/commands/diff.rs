@@ -126,8 +126,8 @@ fn words(found: &Difference) -> String {
             100.0 * changes.changed_share
         );
         for change in &changes.changes {
-            let (from, to) = (change.from, change.to);
-            out += &format!("  {from:?} to {to:?}: {:.2} %\n", 100.0 * change.share);
+            let (from, to) = (change.from.name(), change.to.name());
+            out += &format!("  {from} to {to}: {:.2} %\n", 100.0 * change.share);
         }
     }
     out += if found.same { "same\n" } else { "different\n" };

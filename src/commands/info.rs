@@ -1,5 +1,6 @@
 //! `scand info`: lists the contents of a recording, its cameras and captures, and its damage.
 
+use super::replay::find_recordings;
 use super::{EXIT_INCOMPLETE, first_aid, refuse_to_replace, wrong_usage};
 use crate::calibrate::of_recording;
 use crate::calibration::{Camera, DepthResponse, Volume};
@@ -22,13 +23,13 @@ use std::process::ExitCode;
 #[derive(Debug, clap::Args)]
 #[command(after_help = "Examples:
   scand info cup.mcap
-  scand info /archive/*.mcap
+  scand info /archive
   scand info --json cup.mcap
   scand info cup.mcap --digests
   scand info cup.mcap --calibration calibration.toml")]
 pub struct Args {
-    /// The recordings; if there are several, one line is printed for each
-    #[arg(required = true, value_name = "FILE")]
+    /// The recordings, or folders with recordings; if there are several, one line is printed for each
+    #[arg(required = true, value_name = "FILE|FOLDER")]
     files: Vec<PathBuf>,
     /// Print the result as JSON
     #[arg(long)]
@@ -51,13 +52,17 @@ pub struct Args {
 /// If it cannot be read at all, or the calibration's file already exists.
 pub fn run(args: Args) -> anyhow::Result<ExitCode> {
     refuse_to_replace("--calibration", args.calibration.as_deref(), args.force)?;
-    let [file] = &args.files[..] else {
+    let (files, warnings) = find_recordings(&args.files)?;
+    for warning in warnings {
+        eprintln!("scand: {}", printable(&warning));
+    }
+    let [file] = &files[..] else {
         if args.calibration.is_some() || args.digests {
             return Err(wrong_usage(
                 "--calibration and --digests are about one recording: name one",
             ));
         }
-        return Ok(lines(&args));
+        return Ok(lines(&files, args.json));
     };
     let recording = open(file)?;
     if let Some(path) = &args.calibration {
@@ -101,9 +106,9 @@ fn open(file: &Path) -> anyhow::Result<Recording> {
 }
 
 /// Prints one line for each recording. The exit code is 3 if one is damaged or cannot be read.
-fn lines(args: &Args) -> ExitCode {
+fn lines(files: &[PathBuf], in_json: bool) -> ExitCode {
     let mut code = ExitCode::SUCCESS;
-    for file in &args.files {
+    for file in files {
         let info = open(file).and_then(|recording| {
             let session = CaptureSession::of_any(recording, &sync::Parameters::default())?;
             Info::of(&session)
@@ -113,7 +118,7 @@ fn lines(args: &Args) -> ExitCode {
                 if !info.damage.is_empty() {
                     code = ExitCode::from(EXIT_INCOMPLETE);
                 }
-                match args.json {
+                match in_json {
                     true => outln!("{}", serde_json::to_string(&info).unwrap_or_default()),
                     false => outln!("{}", line_of(&info.line())),
                 }
@@ -121,7 +126,7 @@ fn lines(args: &Args) -> ExitCode {
             Err(error) => {
                 code = ExitCode::from(EXIT_INCOMPLETE);
                 let problem = format!("{error:#}");
-                if args.json {
+                if in_json {
                     outln!("{}", serde_json::json!({ "file": file, "error": problem }));
                 }
                 eprintln!("scand: {}", printable(&problem));
@@ -508,7 +513,11 @@ fn capture_lines(capture: &CaptureSummary) -> Vec<String> {
         None => "complete".to_owned(),
         Some(reason) => format!("failed: {}", value(reason)),
     };
-    let skew_ms = *skew_ns as f64 / 1e6;
+    // Of one picture alone there is none.
+    let skew = match *color_frames {
+        0 | 1 => String::new(),
+        _ => format!(", skew {:.2} ms", *skew_ns as f64 / 1e6),
+    };
     let object = subject.as_ref().map_or_else(String::new, |number| {
         format!(" of object {}", value(number))
     });
@@ -516,7 +525,7 @@ fn capture_lines(capture: &CaptureSummary) -> Vec<String> {
         .as_ref()
         .map_or_else(String::new, |words| format!(", {}", value(words)));
     let line = format!(
-        "{id}{object}{placed} at {} by {}: {} and {}, skew {skew_ms} ms, {outcome}",
+        "{id}{object}{placed} at {} by {}: {} and {}{skew}, {outcome}",
         time.iso_8601(),
         value(source),
         count(*color_frames, "colour frame"),

@@ -27,6 +27,10 @@ pub fn run(args: Args) -> anyhow::Result<ExitCode> {
         let name = printable(&folder.display().to_string());
         let (checked, error) = match verify(folder) {
             Ok(checked) => (checked, None),
+            Err(_) if folder.is_file() => {
+                let words = "it is a file, but a package is a folder: unpack it first";
+                (Checked::default(), Some(words.to_owned()))
+            }
             Err(error) => (Checked::default(), Some(error.to_string())),
         };
         let Checked {

@@ -119,7 +119,8 @@ impl Config {
         for text in settings {
             set(&mut table, text, &defaults)?;
             // Checked one by one, so that the message names the one that is wrong.
-            config = of_table(&table).map_err(|e| setting(text, e))?;
+            config = of_table(&table)
+                .map_err(|e| setting(text, in_sections(text, &e, &defaults).unwrap_or(e)))?;
         }
         Ok(config)
     }
@@ -197,23 +198,43 @@ fn setting(text: &str, error: impl std::fmt::Display) -> Error {
     Error::Setting { setting, message }
 }
 
-/// An error's words without the names that Rust has for numbers, and with the known key that is closest to a wrong one.
-fn plain(message: &str) -> String {
+/// An error's words without the names that Rust has for numbers, and with the known word that is closest to a wrong
+/// one.
+pub(crate) fn plain(message: &str) -> String {
     let message = message
         .replace("expected f64", "expected a number")
         .replace("floating point", "the number");
-    let quoted: Vec<&str> = message.split('`').skip(1).step_by(2).collect();
-    match quoted[..] {
-        [found, ref known @ ..] if message.starts_with("unknown field") => {
-            match words::closest(found, known.iter().copied()) {
-                Some(closest) => {
-                    format!("there is no {found:?}: did you mean {closest:?}? {message}")
-                }
-                None => message,
-            }
+    match closest_name(&message) {
+        Some((found, closest)) => {
+            format!("there is no {found:?}: did you mean {closest:?}? {message}")
         }
-        _ => message,
+        None => message,
     }
+}
+
+/// The key or word that is not known, and the known one that is close to it, of a message that quotes both.
+fn closest_name(message: &str) -> Option<(&str, &str)> {
+    let begins = ["unknown field", "unknown variant"];
+    let is_unknown = begins.iter().any(|begin| message.starts_with(begin));
+    let mut quoted = message.split('`').skip(1).step_by(2);
+    let found = quoted.next().filter(|_| is_unknown)?;
+    Some((found, words::closest(found, quoted)?))
+}
+
+/// Of a setting that is not known because its section is missing: the settings that may be meant.
+fn in_sections(text: &str, error: &str, defaults: &Table) -> Option<String> {
+    let key = text.split_once('=')?.0.trim();
+    let is_unknown = error.starts_with(&format!("unknown field `{key}`"));
+    let sections = defaults
+        .iter()
+        .filter(|(_, section)| section.get(key).is_some());
+    let places: Vec<String> = sections.map(|(name, _)| format!("{name}.{key}")).collect();
+    (is_unknown && !places.is_empty()).then(|| {
+        format!(
+            "there is no {key:?} outside of a section: did you mean {}?",
+            places.join(" or ")
+        )
+    })
 }
 
 /// What a table says. By way of its text, so that what reads a configuration is compiled for texts alone.
@@ -255,14 +276,18 @@ fn read(path: &Path, defaults: &Table) -> Result<Table, Error> {
 /// A parser's message. It quotes the wrong line, except one with an address that may hold a password: logs and support
 /// bundles keep the message.
 fn shown(error: &toml::de::Error, text: &str) -> String {
+    let tip = closest_name(error.message());
+    let tip = tip.map_or_else(String::new, |(_, known)| {
+        format!("\ndid you mean {known:?}?")
+    });
     let quoting = error.to_string();
     let may_hold_secret = |line: &str| line.contains("://") && line.contains('@');
     if !quoting.lines().any(may_hold_secret) {
-        return quoting.trim_end().into();
+        return quoting.trim_end().to_owned() + &tip;
     }
     let before = error.span().and_then(|span| text.get(..span.start));
     let line = 1 + before.unwrap_or_default().matches('\n').count();
-    format!("line {line}: {}", error.message())
+    format!("line {line}: {}{tip}", error.message())
 }
 
 /// Sets `a.b=value`; a value that is not TOML is taken as a string.

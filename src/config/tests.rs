@@ -87,6 +87,8 @@ fn what_is_wrong_is_named() {
     for (text, named) in [
         ("hull.resolutoin=1", "resolutoin"),
         ("hull.resolutoin=1", "did you mean \"resolution\"?"),
+        ("resolution=100", "did you mean hull.resolution?"),
+        ("method=hybird", "did you mean \"hybrid\"?"),
         ("nonsense", "section.key=value"),
         ("hull.resolution=many", "many"),
         ("method.x=1", "method"),
@@ -176,6 +178,10 @@ fn a_file_is_refused_with_its_line_and_field() {
         "{message}"
     );
     assert!(message.contains("scand.toml"), "{message}");
+    assert!(
+        message.contains("did you mean \"resolution\"?"),
+        "{message}"
+    );
     std::fs::write(
         &path,
         "[rig]\nname = \"nan\"\n[verdict.handles]\namber = +nan\n",

@@ -393,6 +393,35 @@ fn a_model_of_several_captures_goes_with_them() {
 }
 
 #[test]
+fn a_link_leads_nothing_into_a_package() {
+    let desk = Desk::with_a_model();
+    std::fs::write(desk.path("secret"), "the secret").unwrap();
+    let link = |name: &str| {
+        let _ = std::fs::remove_file(desk.path(name));
+        std::os::unix::fs::symlink(desk.path("secret"), desk.path(name)).unwrap();
+    };
+    link("ball.notes.jsonl");
+    link("out/ball/ball-000/model.ply");
+    let packed = |name: &str| {
+        let output = desk.run(&["archive", "ball-000", "-o", name]);
+        assert_eq!(output.status.code(), Some(3), "{output:?}");
+        for (name, bytes) in files(&desk.path(name)) {
+            assert!(!bytes.ends_with(b"the secret"), "{name}");
+        }
+        super::desk::said(&output)
+    };
+    let told = packed("one");
+    for name in ["ball.notes.jsonl", "model.ply"] {
+        assert!(told.contains(&format!("{name}: it is a link")), "{told}");
+    }
+    assert!(files(&desk.path("one")).contains_key("data/models/ball/ball-000/model.glb"));
+    link("out/ball/ball-000/model.glb");
+    let told = packed("two");
+    assert!(told.contains("out/ball/ball-000 is a link"), "{told}");
+    assert!(desk.run(&["verify", "two"]).status.success());
+}
+
+#[test]
 fn a_recording_that_cannot_be_read_hides_no_other_and_is_told() {
     let desk = Desk::new();
     std::fs::write(desk.path("another.mcap"), "#ROSBAG V2.0\n").unwrap();

@@ -163,6 +163,18 @@ fn diff_ends_with_what_it_found() {
     diff([&a, &b], &["--unknown"]).assert().code(2);
 }
 
+#[test]
+fn a_change_of_provenance_is_told_by_the_names_that_models_have() {
+    let folder = tempfile::tempdir().unwrap();
+    let a = write_box(folder.path(), "a.ply", [0.06; 3]);
+    let b = folder.path().join("b.ply");
+    let text = std::fs::read_to_string(&a).unwrap();
+    std::fs::write(&b, text.replace(" 1 0.001\n", " 2 0.001\n")).unwrap();
+    let told = scand().arg("diff").args([&a, &b]).assert().code(0);
+    let words = String::from_utf8_lossy(&told.get_output().stdout).into_owned();
+    assert!(words.contains("  carved to restored: "), "{words}");
+}
+
 /// A model whose texture has a seam at every edge, so that a .glb holds each vertex many times.
 fn textured(mesh: Mesh) -> Model {
     let count = mesh.vertices.len();

@@ -42,6 +42,7 @@ fn mistakes_are_answered_with_what_to_do() {
         ("ball.mcap", 2, &["scand replay ball.mcap"][..]),
         ("help replay", 0, &["FILE|FOLDER", "Examples:"]),
         ("version", 2, &["scand --version"]),
+        ("man", 2, &["scand generate man DIR"]),
         (
             "replay ball.mcap --set hull.resolutoin=100",
             78,
@@ -52,7 +53,19 @@ fn mistakes_are_answered_with_what_to_do() {
             78,
             &["\"abc\", expected a number"],
         ),
+        (
+            "replay ball.mcap --set resolution=100",
+            78,
+            &["did you mean hull.resolution?"],
+        ),
+        (
+            "replay ball.mcap --method hybird",
+            2,
+            &["did you mean \"hybrid\"?"],
+        ),
         ("replay ball.mcap --vertices x", 2, &["10000 or 10k"]),
+        ("replay ball.mcap --jobs x", 2, &["expected a whole number"]),
+        ("replay ball.mcap --jobs 0", 2, &["0, expected 1 to 64"]),
         (
             "replay ball.mcap --vertices -5",
             2,
@@ -83,12 +96,16 @@ fn mistakes_are_answered_with_what_to_do() {
         (
             "info ball.mcap",
             0,
-            &["2026-01-01T00:00:05.000Z", "[-0.0340, -0.0340, 0.0000]"],
+            &[
+                "2026-01-01T00:00:05.000Z",
+                "[-0.0340, -0.0340, 0.0000]",
+                "5 colour frames and 0 depth frames, skew 1.50 ms, complete",
+            ],
         ),
         (
             "replay ball.mcap --set hull.cell_size=1 -o large",
             1,
-            &["hull.cell_size is 1 m", "or less"],
+            &["hull.cell_size is 1 m", " mm or less"],
         ),
         ("replay ball.mcap --set hull.cell_size=4mm -q", 0, &[]),
         (
@@ -150,16 +167,52 @@ fn mistakes_are_answered_with_what_to_do() {
         ("info flipped.mcap", 3, &["CRC"]),
         ("pack flipped.mcap", 1, &["CRC", "was left unchanged"]),
         ("info model.mcap", 1, &["is a PLY model"]),
-        ("evaluate . ball.mcap", 1, &[]),
+        (
+            "evaluate other ball.truth.ply",
+            1,
+            &["other: the folder has no model", "its folder"],
+        ),
+        (
+            "diff out/ball ball.truth.ply",
+            2,
+            &["out/ball: the folder has no model", "out/ball has ball-000"],
+        ),
         (
             "archive ball -o package --recordings empty",
             1,
             &["\"ball\"", "--recordings"],
         ),
         (
+            "archive nothing -o out",
+            1,
+            &["nothing was packed", "out already exists"],
+        ),
+        (
+            "archive ball -o /proc/none",
+            1,
+            &["nothing was packed", "/proc/none"],
+        ),
+        (
             "archive other -o package",
             1,
             &["is a folder", "--recordings", "--models"],
+        ),
+        ("info empty", 1, &["empty", "has no recording"]),
+        (
+            "info other",
+            0,
+            &["Captures", "ball-001 at 2026-01-01T00:00:15.000Z"],
+        ),
+        (
+            "pack other",
+            1,
+            &["is a folder, expected an MCAP recording"],
+        ),
+        ("verify ball.mcap", 1, &["a package is a folder"]),
+        (
+            "note ball-000 accept --socket none.sock",
+            69,
+            &["is the daemon running", "--recording FILE.mcap"],
         ),
         (
             "trigger --socket none.sock",
@@ -168,6 +221,16 @@ fn mistakes_are_answered_with_what_to_do() {
         ),
     ] {
         hold(&desk, line, code, words);
+    }
+    let told = hold(&desk, "version", 2, &[]);
+    assert!(
+        !told.contains("similar"),
+        "what is meant is known, and what looks alike is not said: {told}"
+    );
+    if !cfg!(feature = "fleet") {
+        let line = "replay ball.mcap --fleet tls://rig";
+        let told = hold(&desk, line, 2, &["make deb", "--features fleet"]);
+        assert!(!told.contains("as a value"), "{told}");
     }
     if !cfg!(feature = "live") {
         for line in ["run", "check --json", "pedal --device /dev/null"] {
@@ -235,6 +298,11 @@ fn a_copy_that_was_cut_off_is_told_first_and_can_be_completed() {
     let replay = desk.run(&["replay", "cut.mcap", "--set", "hull.resolution=40"]);
     let said = String::from_utf8_lossy(&replay.stderr).into_owned();
     assert!(said.starts_with("cut.mcap: cut off:"), "{said}");
+    // `--quiet` keeps progress back, and no error.
+    let quiet = desk.run(&["replay", "cut.mcap", "-q", "--set", "hull.resolution=40"]);
+    let said = String::from_utf8_lossy(&quiet.stderr).into_owned();
+    assert!(said.starts_with("cut.mcap: cut off:"), "{said}");
+    assert!(!said.contains("ball-000: reading"), "{said}");
     let recovered = desk.run(&["recover", "cut.mcap"]);
     let said = String::from_utf8_lossy(&recovered.stdout).into_owned();
     assert!(

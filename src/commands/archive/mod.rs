@@ -12,7 +12,7 @@ use crate::calibrate::of_recording;
 use crate::frame::Timestamp;
 use crate::make_model::marked;
 use crate::notes::CaptureNotes;
-use crate::recording::beside;
+use crate::recording::{beside, notes_to_copy};
 use crate::words::{count, printable};
 use anyhow::Context;
 use models::{FoundModel, ModelInput, ObjectModel};
@@ -94,9 +94,11 @@ const DOCUMENTS: [(&str, &str); 7] = [
 /// # Errors
 /// If nothing has one of the names, a recording is not complete, or a file cannot be read or written.
 pub fn run(args: Args) -> anyhow::Result<ExitCode> {
+    // Before the recordings are read: a folder that cannot be written ends it at once.
+    let bag = Bag::create(&args.out).context("nothing was packed")?;
     let select::Selection { chosen, unread } = select::choose(&args.what, &args.recordings)?;
     let mut packing = Packing {
-        bag: Bag::create(&args.out)?,
+        bag,
         models: &args.models,
         kept: models::kept(&chosen),
         names: BTreeSet::new(),
@@ -186,10 +188,12 @@ impl Packing<'_> {
         let name = self.free_name(&safe(&stem));
         self.bag
             .put_file(&format!("recordings/{name}.mcap"), &chosen.path)?;
-        let notes = beside(&chosen.path);
-        if notes.is_file() {
-            self.bag
-                .put_file(&format!("recordings/{name}.notes.jsonl"), &notes)?;
+        match notes_to_copy(&chosen.path) {
+            Ok(Some(notes)) => self
+                .bag
+                .put_file(&format!("recordings/{name}.notes.jsonl"), &notes)?,
+            Ok(None) => {}
+            Err(error) => self.leave_out(&beside(&chosen.path), &error.to_string()),
         }
         let recording = chosen.session.recording();
         let damage = recording.verify()?;
@@ -208,9 +212,10 @@ impl Packing<'_> {
                 let path = format!("calibration/{name}.toml");
                 self.bag.put(&path, calibration.to_toml().as_bytes())?;
             }
-            Err(error) => self
-                .warnings
-                .push(format!("there is no calibration to add: {error}")),
+            Err(error) => self.warnings.push(format!(
+                "{}: there is no calibration to add: {error}",
+                chosen.path.display()
+            )),
         }
         for capture in &chosen.captures {
             self.add_capture(chosen, &stem, &name, capture)?;
@@ -272,6 +277,10 @@ impl Packing<'_> {
                 return (input != ModelInput::OtherRecording).then_some((report, input));
             }
             FoundModel::Failure(reason) => format!("its model could not be made ({reason})"),
+            FoundModel::Link => {
+                self.damaged = true;
+                format!("the model in {} is a link", folder.display())
+            }
             FoundModel::Nothing => format!("no model is in {}", folder.display()),
         };
         self.warnings
@@ -331,11 +340,20 @@ impl Packing<'_> {
                 (models::REPORT, Some(bytes), _) | (models::PREVIEW, _, Some(bytes)) => {
                     self.bag.put(&place, bytes)?;
                 }
-                _ if path.is_file() => self.bag.put_file(&place, &path)?,
+                _ if models::is_file_itself(&path) => self.bag.put_file(&place, &path)?,
+                _ if path.is_symlink() => self.leave_out(&path, models::IS_LINK),
                 _ => {}
             }
         }
         Ok(())
+    }
+
+    /// Says of a file why the package does not have it.
+    fn leave_out(&mut self, path: &Path, why: &str) {
+        self.damaged = true;
+        let path = path.display();
+        self.warnings
+            .push(format!("{path}: {why}; the package does not have it"));
     }
 
     /// A name that no other recording has in the package.

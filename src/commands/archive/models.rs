@@ -88,13 +88,24 @@ pub(super) enum FoundModel {
     Model(Value),
     /// The report of a failure: why no model could be made.
     Failure(String),
+    /// A link, of which nobody knows where it leads.
+    Link,
     /// Nothing that can be read.
     Nothing,
+}
+
+/// Why a file of a model is left out.
+pub(super) const IS_LINK: &str = "it is a link, which may lead to anything";
+
+/// Whether a path is that of a file, and not of a link to one.
+pub(super) fn is_file_itself(path: &Path) -> bool {
+    path.symlink_metadata().is_ok_and(|about| about.is_file())
 }
 
 /// Looks into the folder of a capture's model.
 pub(super) fn look(folder: &Path) -> FoundModel {
     match report(folder) {
+        Some(_) if folder.join(FILES[0]).is_symlink() => FoundModel::Link,
         Some(report) if is_model(folder, &report) => FoundModel::Model(report),
         Some(report) => match report["reason"].as_str() {
             Some(reason) => FoundModel::Failure(reason.to_owned()),
@@ -149,7 +160,7 @@ pub(super) struct ObjectModel {
 pub(super) fn of_objects(folder: &Path, kept: &BTreeSet<(String, String)>) -> Vec<ObjectModel> {
     let entries = std::fs::read_dir(folder).into_iter().flatten().flatten();
     let mut folders: Vec<PathBuf> = entries.map(|entry| entry.path()).collect();
-    folders.retain(|path| path.join("model.glb").is_file());
+    folders.retain(|path| is_file_itself(&path.join("model.glb")));
     folders.sort();
     folders
         .into_iter()

@@ -1,5 +1,6 @@
 //! Writes a sheet of paradata as a page to read, without scripts and without external resources.
 
+use crate::frame::Timestamp;
 use crate::markup::escaped;
 use serde_json::Value;
 use std::fmt::Write;
@@ -8,12 +9,12 @@ const STYLE: &str = "body{font:16px/1.5 serif;max-width:60rem;margin:2rem auto;p
 table{border-collapse:collapse;width:100%}th,td{border:1px solid #999;padding:.2rem .5rem;text-align:left;\
 vertical-align:top}th{width:14rem;font-weight:normal;background:#eee}";
 
-/// The page of a capture.
-pub(super) fn of(capture: &str, sheet: &Value) -> String {
-    let title = escaped(capture);
+/// The page of a capture, or of a model of several.
+pub(super) fn of(what: &str, sheet: &Value) -> String {
+    let title = escaped(what);
     let mut page = format!(
         "<!DOCTYPE html>\n<html lang=\"en\">\n<head>\n<meta charset=\"utf-8\">\n<title>Paradata of {title}</title>\n\
-         <style>{STYLE}</style>\n</head>\n<body>\n<h1>Paradata of capture {title}</h1>\n"
+         <style>{STYLE}</style>\n</head>\n<body>\n<h1>Paradata of {title}</h1>\n"
     );
     for (name, value) in sheet.as_object().into_iter().flatten() {
         let _ = writeln!(page, "<h2>{}</h2>\n{}", words(name), shown(value));
@@ -27,17 +28,8 @@ fn shown(value: &Value) -> String {
         Value::Null => "–".into(),
         Value::String(text) => escaped(text),
         Value::Object(members) => {
-            let row = |(name, value): (&String, &Value)| {
-                format!(
-                    "<tr><th>{}</th><td>{}</td></tr>\n",
-                    words(name),
-                    shown(value)
-                )
-            };
-            format!(
-                "<table>\n{}</table>",
-                members.iter().map(row).collect::<String>()
-            )
+            let rows = members.iter().map(|(name, value)| row(name, value));
+            format!("<table>\n{}</table>", rows.collect::<String>())
         }
         Value::Array(values) if values.iter().all(|v| v.is_number() || v.is_string()) => {
             values.iter().map(shown).collect::<Vec<_>>().join(", ")
@@ -48,6 +40,21 @@ fn shown(value: &Value) -> String {
         }
         other => escaped(&other.to_string()),
     }
+}
+
+/// A line of a table. People read a time as a date.
+fn row(name: &str, value: &Value) -> String {
+    let (name, value) = match time(name, value) {
+        Some(time) => ("time", escaped(&time.iso_8601())),
+        None => (name, shown(value)),
+    };
+    format!("<tr><th>{}</th><td>{value}</td></tr>\n", words(name))
+}
+
+/// The time that a member in nanoseconds states.
+fn time(name: &str, value: &Value) -> Option<Timestamp> {
+    let text = value.as_str().filter(|_| name == "time_ns")?;
+    text.parse().ok().map(Timestamp)
 }
 
 fn words(name: &str) -> String {
@@ -68,5 +75,20 @@ mod tests {
             "{page}"
         );
         assert_eq!(page.matches("&lt;script&gt;").count(), 6);
+    }
+
+    #[test]
+    fn a_time_is_a_date() {
+        let note = |time: &str| serde_json::json!({ "notes": { "said": [{ "time_ns": time }] } });
+        let page = of("a-0001", &note("1767225605000000000"));
+        assert!(
+            page.contains("<tr><th>time</th><td>2026-01-01T00:00:05.000Z</td></tr>"),
+            "{page}"
+        );
+        let page = of("a-0001", &note("soon"));
+        assert!(
+            page.contains("<tr><th>time ns</th><td>soon</td></tr>"),
+            "{page}"
+        );
     }
 }

@@ -2,7 +2,7 @@
 
 use super::decision_word::{self, KINDS};
 use super::status_table;
-use crate::commands::{EXIT_BUSY, wrong_usage};
+use crate::commands::{EXIT_BUSY, is_away, wrong_usage};
 use crate::level::Level;
 use crate::recording::{self, Recording, note_beside};
 use crate::trigger::{Client, Event, Reply, Request, SOCKET, Until};
@@ -241,7 +241,14 @@ pub fn note(args: NoteArgs) -> anyhow::Result<ExitCode> {
         text,
         author: args.author,
     };
-    let last = ask(&args.connection, &request, Until::default())?;
+    let last = ask(&args.connection, &request, Until::default()).map_err(|error| {
+        match is_away(&error) {
+            true => error.context(
+                "nothing was noted; --recording FILE.mcap notes on a complete recording, without a daemon",
+            ),
+            false => error,
+        }
+    })?;
     Ok(code(&last))
 }
 

@@ -41,7 +41,7 @@ impl Console {
         let is_cut_off = recording.is_cut_off().unwrap_or(false);
         let bytes = recording.file_length();
         if let Some(words) = first_aid::words(path, bytes, is_cut_off, session.damage()) {
-            self.line(&words);
+            self.error(&words);
         }
         for warning in session.warnings() {
             self.line(&format!("{}: {warning}", path.display()));
@@ -91,9 +91,15 @@ impl Console {
 
     /// A line for a person. What a recording says may be in it.
     pub(super) fn line(&self, text: &str) {
+        if !self.quiet {
+            self.error(text);
+        }
+    }
+
+    /// A line that `--quiet` does not keep back.
+    pub(super) fn error(&self, text: &str) {
         let text = printable(text);
         match &self.bars {
-            _ if self.quiet => {}
             Some(bars) => bars.suspend(|| eprintln!("{text}")),
             None => eprintln!("{text}"),
         }

@@ -14,7 +14,7 @@ mod shard;
 use crate::calibration::RigCalibration;
 use crate::capture::CaptureSession;
 use crate::commands::first_aid::first_aid;
-use crate::config::Config;
+use crate::config::{Config, plain};
 use crate::frame::CaptureId;
 use crate::make_model::{ModelMaker, Settings, mark};
 use crate::reconstruct::Method;
@@ -114,6 +114,15 @@ struct Options {
     strict: bool,
 }
 
+/// The recordings that are named by their files or by their folders, and what a person should know of the folders.
+///
+/// # Errors
+/// If a folder cannot be read, or has no recording.
+pub(super) fn find_recordings(paths: &[PathBuf]) -> anyhow::Result<(Vec<PathBuf>, Vec<String>)> {
+    let found = files::find(paths)?;
+    Ok((found.recordings, found.warnings))
+}
+
 /// A number of vertices, also in thousands (`10k`).
 fn parse_vertices(text: &str) -> Result<u32, String> {
     let (digits, factor) = match text.strip_suffix(['k', 'K']) {
@@ -127,8 +136,9 @@ fn parse_vertices(text: &str) -> Result<u32, String> {
 }
 
 /// A method by the name that the configuration has for it.
-fn parse_method(name: &str) -> Result<Method, serde::de::value::Error> {
-    Method::deserialize(name.into_deserializer())
+fn parse_method(name: &str) -> Result<Method, String> {
+    let method: Result<_, serde::de::value::Error> = Method::deserialize(name.into_deserializer());
+    method.map_err(|error| plain(&error.to_string()))
 }
 
 impl Args {
@@ -402,7 +412,7 @@ impl Replay<'_> {
         if let Ok(Some(words)) = first_aid(session.recording())
             && !is_told
         {
-            self.console.line(&words);
+            self.console.error(&words);
         }
     }
 

@@ -391,7 +391,7 @@ export const de: Words = {
   said_frames_short: "Bilder der {kind} {camera} zwischen {n} und {n_to} ms nach dem Auslösen: {frames}, nötig: mindestens {n_least}",
   said_frames_lost: "{shortfall}; verloren: {reason}",
   said_frame_nearest: "ihr nächstes Bild liegt bei {n} ms",
-  said_no_frames: "sie hat keine Bilder",
+  said_no_frames: "sie hat kein Bild, das zu dieser Aufnahme gehören könnte",
   said_no_frame_in: "innerhalb von {n} s nach dem Auslösen kam kein Bild",
   said_no_frame: "es kam nicht rechtzeitig ein Bild",
   said_trigger_declined: "die Kamera nahm den Auslöser nicht an: {why}",

@@ -389,7 +389,7 @@ export const en = {
   said_frames_short: "{kind} camera {camera} gave {frames} from {n} to {n_to} ms after the trigger, expected at least {n_least}",
   said_frames_lost: "{shortfall}; it lost: {reason}",
   said_frame_nearest: "; its nearest frame is at {n} ms",
-  said_no_frames: "; it has no frames",
+  said_no_frames: "; it has no frame that this capture could take",
   said_no_frame_in: "no frame arrived within {n} s of the trigger",
   said_no_frame: "no frame arrived in time",
   said_trigger_declined: "the camera declined the trigger: {why}",

@@ -99,9 +99,13 @@ fn check(path: &str) -> Result<(), String> {
         return Err(format!("{shown:?} is not a path within the package"));
     }
     let has_drive = path.as_bytes().get(1) == Some(&b':');
-    let is_plain = |part: &str| !matches!(part, "" | "." | "..");
-    if has_drive || !path.split('/').all(is_plain) {
+    if has_drive || path.split('/').any(|part| part == "..") {
         return Err(format!("{shown:?} leads out of the package"));
+    }
+    if path.split('/').any(|part| matches!(part, "" | ".")) {
+        return Err(format!(
+            "{shown:?} is not the plain path of a file: a second name for it could hide it"
+        ));
     }
     if path.contains('\0') {
         return Err(format!("{shown:?} is not a path"));

@@ -92,6 +92,9 @@ fn a_package_that_is_meant_to_do_harm_is_refused() {
         );
     }
     for (path, named) in [
+        ("data/../../secret", "leads out of the package"),
+        ("data/./a.txt", "is not the plain path"),
+        ("data//a.txt", "is not the plain path"),
         ("data/a.txt", "listed twice"),
         ("data/A.TXT", "ignore case"),
         ("bagit.txt", "must not be in this list"),

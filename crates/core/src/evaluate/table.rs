@@ -189,7 +189,7 @@ fn by_provenance(out: &mut String, found: &Evaluation) {
             f.normals.map(|n| n.mean_degrees),
             f.expected.map(|e| e.expected_mean_mm),
         ];
-        let name = format!("{:?}", part.provenance).to_lowercase();
+        let name = part.provenance.name();
         let cells: String = columns
             .into_iter()
             .map(|c| format!(" {}", cell(c)))
@@ -200,12 +200,12 @@ fn by_provenance(out: &mut String, found: &Evaluation) {
 
 /// Whether the expected errors are true, of the whole model and of each provenance.
 fn truth_of_expected(out: &mut String, found: &Evaluation) {
-    let parts = found.by_provenance.iter().map(|part| {
-        let name = format!("{:?}", part.provenance).to_lowercase();
-        (name, part.figures.expected)
-    });
-    let whole = [("whole".to_owned(), found.whole.expected)];
-    let stating: Vec<(String, Expected)> = whole
+    let parts = found
+        .by_provenance
+        .iter()
+        .map(|part| (part.provenance.name(), part.figures.expected));
+    let whole = [("whole", found.whole.expected)];
+    let stating: Vec<(&str, Expected)> = whole
         .into_iter()
         .chain(parts)
         .filter_map(|(name, expected)| Some((name, expected?)))

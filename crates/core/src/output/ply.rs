@@ -59,13 +59,14 @@ fn push_vertex(bytes: &mut Vec<u8>, model: &Model, vertex: usize) {
 fn header(model: &Model, about: &Description) -> String {
     let is_of_several = !model.captures.is_empty();
     let mut text = String::from("ply\nformat binary_little_endian 1.0\n");
-    let names: Vec<_> = Provenance::ALL.iter().map(provenance_name).collect();
+    let named =
+        Provenance::ALL.map(|provenance| format!("{}={}", provenance as u8, provenance.name()));
     let captures = is_of_several.then(|| format!("captures {CAPTURES}"));
     let comments = [
         "frame rig, right-handed, z up; x y z in metres".to_owned(),
         "red green blue are sRGB-encoded".to_owned(),
         "expected_error is the expected distance to the true surface in metres".to_owned(),
-        format!("provenance {}", names.join(", ")),
+        format!("provenance {}", named.join(", ")),
     ];
     // A line break in a comment would end it.
     let known = about.pairs().into_iter();
@@ -105,18 +106,6 @@ fn ascii(text: &str) -> String {
         }
     }
     plain
-}
-
-fn provenance_name(provenance: &Provenance) -> String {
-    let name = match provenance {
-        Provenance::Hull => "hull",
-        Provenance::Carved => "carved",
-        Provenance::Restored => "restored",
-        Provenance::Bridged => "bridged",
-        Provenance::Unseen => "unseen",
-        Provenance::Table => "table",
-    };
-    format!("{}={name}", *provenance as u8)
 }
 
 #[cfg(test)]

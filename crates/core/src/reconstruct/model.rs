@@ -35,6 +35,18 @@ impl Provenance {
         Self::Unseen,
         Self::Table,
     ];
+
+    /// Its name in models, reports and tables.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Hull => "hull",
+            Self::Carved => "carved",
+            Self::Restored => "restored",
+            Self::Bridged => "bridged",
+            Self::Unseen => "unseen",
+            Self::Table => "table",
+        }
+    }
 }
 
 /// A reconstructed object in the rig's frame (z up, metres). The vectors are a value a vertex.

@@ -1,7 +1,7 @@
 //! Completes copies of recordings: the copy that was cut off stays, and another one is completed. The notes beside it
 //! go along.
 
-use super::notes::beside;
+use super::notes::{beside, notes_to_copy};
 use super::recovery::{Recovered, recover, unfinished_name};
 use super::rewriting::{io, remove_stale};
 use super::{Error, Recording};
@@ -21,24 +21,24 @@ pub fn recover_copy(cut: &Path) -> Result<Recovered, Error> {
     }
     let copied = cut.with_extension("recovered.mcap");
     let part = unfinished_name(&copied);
-    let (notes, copied_notes) = (beside(cut), beside(&copied));
+    let notes = notes_to_copy(cut).map_err(io(&beside(cut)))?;
+    let copied_notes = beside(&copied);
     for taken in [&copied, &part, &copied_notes] {
         if taken.try_exists().map_err(io(taken))? {
             return Err(io(taken)(std::io::ErrorKind::AlreadyExists.into()));
         }
     }
     // The notes come first: a recording of rejected captures must not be complete without them.
-    let noted = notes.try_exists().map_err(io(&notes))?;
-    let copied = match noted {
-        true => copy(&notes, &copied_notes),
-        false => Ok(()),
+    let copied = match &notes {
+        Some(notes) => copy(notes, &copied_notes),
+        None => Ok(()),
     };
     let recovered = copied
         .and_then(|()| copy(cut, &part))
         .and_then(|()| recover(&part));
     if recovered.is_err() {
         remove_stale(&part)?;
-        if noted {
+        if notes.is_some() {
             remove_stale(&copied_notes)?;
         }
     }

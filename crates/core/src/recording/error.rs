@@ -18,8 +18,12 @@ pub enum Error {
         cause: std::io::Error,
     },
     /// A folder, a pipe or a device.
-    #[error("{path} is not a regular file, expected an MCAP recording")]
-    NotAFile { path: PathBuf },
+    #[error("{path} is {found}, expected an MCAP recording")]
+    NotAFile {
+        path: PathBuf,
+        /// What it is instead.
+        found: &'static str,
+    },
     /// Nothing that a crash left behind.
     #[error("{path} is not an interrupted recording: its name should end in .mcap.part")]
     NotUnfinished { path: PathBuf },

@@ -31,7 +31,7 @@ pub use copied::recover_copy;
 pub use error::{Damage, Error, MessageError};
 pub use index::{Attachment, MessageRef};
 pub use json::{CameraInCapture, CaptureOutcome, CaptureRecord, Lost, LostParts, Note};
-pub use notes::{Notes, WrittenNote, beside, note_beside, noted_recording};
+pub use notes::{Notes, WrittenNote, beside, note_beside, noted_recording, notes_to_copy};
 pub use packing::{Packed, pack};
 pub use proto::Pose;
 pub use reader::{ChannelInfo, Recording};

@@ -6,10 +6,12 @@ use super::{Error, Note, Recording, Topic, json};
 use crate::frame::Timestamp;
 use crate::notes::{CaptureNote, CaptureNotes, NoteKind};
 use crate::storage::sync_parent;
+use rustix::fs::OFlags;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
-use std::fs::{File, OpenOptions};
+use std::fs::OpenOptions;
 use std::io::{Read, Seek, SeekFrom, Write};
+use std::os::unix::fs::OpenOptionsExt;
 use std::path::{Path, PathBuf};
 
 /// What the name of a file of notes ends with.
@@ -158,6 +160,25 @@ pub fn noted_recording(path: &Path) -> Option<PathBuf> {
     (!stem.is_empty()).then(|| path.with_file_name(format!("{stem}.mcap")))
 }
 
+/// The file of notes beside a recording, to be copied; `None` if there is none.
+///
+/// # Errors
+/// If it is a link or no regular file: whoever supplied the recording may have let it lead to anything.
+pub fn notes_to_copy(recording: &Path) -> std::io::Result<Option<PathBuf>> {
+    let path = beside(recording);
+    match path.symlink_metadata() {
+        Err(error) if error.kind() == std::io::ErrorKind::NotFound => Ok(None),
+        Err(error) => Err(error),
+        Ok(about) if about.is_file() => Ok(Some(path)),
+        Ok(about) if about.is_symlink() => Err(std::io::Error::other(IS_LINK)),
+        Ok(_) => Err(std::io::Error::other(NO_FILE)),
+    }
+}
+
+/// Why a file of notes is neither written nor copied.
+const IS_LINK: &str = "it is a link, which may lead to anything: put the file itself there";
+const NO_FILE: &str = "it is not a regular file";
+
 /// A note that is on the disk.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct WrittenNote {
@@ -226,13 +247,22 @@ pub fn note_beside(
     })
 }
 
-/// Appends a line and brings it to the disk. A line that a power cut left unfinished is ended first.
+/// Appends a line and brings it to the disk. A line that a power cut left unfinished is ended first. Nothing is written
+/// to where a link leads.
 fn append(path: &Path, mut line: Vec<u8>) -> std::io::Result<()> {
+    if path.is_symlink() {
+        return Err(std::io::Error::other(IS_LINK));
+    }
+    let flags = OFlags::NOFOLLOW | OFlags::NONBLOCK;
     let mut file = OpenOptions::new()
         .read(true)
         .append(true)
         .create(true)
+        .custom_flags(flags.bits() as i32)
         .open(path)?;
+    if !file.metadata()?.is_file() {
+        return Err(std::io::Error::other(NO_FILE));
+    }
     file.lock()?;
     let length = file.metadata()?.len();
     if length > 0 {
@@ -255,13 +285,16 @@ fn append(path: &Path, mut line: Vec<u8>) -> std::io::Result<()> {
 
 /// The text of a file of notes; `None` if there is none.
 fn lines(path: &Path) -> Result<Option<String>, String> {
-    let file = match File::open(path) {
+    // Opening a pipe would wait for its writer.
+    let flags = OFlags::NONBLOCK.bits() as i32;
+    let opened = OpenOptions::new().read(true).custom_flags(flags).open(path);
+    let file = match opened {
         Err(error) if error.kind() == std::io::ErrorKind::NotFound => return Ok(None),
         opened => opened.map_err(|error| error.to_string())?,
     };
     let about = file.metadata().map_err(|error| error.to_string())?;
     if !about.is_file() {
-        return Err("it is not a regular file".into());
+        return Err(NO_FILE.into());
     }
     if about.len() > LARGEST {
         let bytes = about.len();
@@ -288,6 +321,31 @@ mod tests {
             text: text.into(),
             author: Some("Ann".into()),
         }
+    }
+
+    #[test]
+    fn nothing_is_written_to_where_a_link_leads_and_no_pipe_is_waited_for() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = recording_of(folder.path(), &[]);
+        let open = || Recording::open(&path).unwrap();
+        let reject = || note_beside(&open(), &note("reject", ""), Timestamp(500));
+        let other = folder.path().join("other");
+        std::fs::write(&other, "precious\n").unwrap();
+        std::os::unix::fs::symlink(&other, beside(&path)).unwrap();
+        let refused = reject().unwrap_err().to_string();
+        assert!(refused.contains("it is a link"), "{refused}");
+        assert_eq!(std::fs::read_to_string(&other).unwrap(), "precious\n");
+        assert!(notes_to_copy(&path).is_err());
+        std::fs::remove_file(beside(&path)).unwrap();
+        assert_eq!(notes_to_copy(&path).unwrap(), None);
+        let made = std::process::Command::new("mkfifo")
+            .arg(beside(&path))
+            .status();
+        assert!(made.unwrap().success());
+        let notes = Notes::of(&open());
+        assert!(notes.problems()[0].contains(NO_FILE), "{notes:?}");
+        let refused = reject().unwrap_err().to_string();
+        assert!(refused.contains(NO_FILE), "{refused}");
     }
 
     #[test]

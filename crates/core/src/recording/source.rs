@@ -3,7 +3,7 @@
 
 use super::Error;
 use super::rewriting::{PART, io, lock};
-use std::fs::{File, TryLockError};
+use std::fs::{File, Metadata, TryLockError};
 use std::os::unix::fs::FileExt;
 use std::path::{Path, PathBuf};
 
@@ -35,9 +35,7 @@ impl Source {
             .ends_with(PART.as_bytes())
             && is_locked(&file).map_err(io(path))?;
         let about = file.metadata().map_err(io(path))?;
-        if !about.is_file() {
-            return Err(Error::NotAFile { path: path.into() });
-        }
+        check_kind(&about, path)?;
         Ok(Self {
             path: path.into(),
             file,
@@ -74,10 +72,19 @@ impl Source {
 
 /// Looked at before it is opened: opening a pipe would wait for its writer.
 fn check_is_file(path: &Path) -> Result<(), Error> {
-    if std::fs::metadata(path).map_err(io(path))?.is_file() {
-        return Ok(());
-    }
-    Err(Error::NotAFile { path: path.into() })
+    check_kind(&std::fs::metadata(path).map_err(io(path))?, path)
+}
+
+fn check_kind(about: &Metadata, path: &Path) -> Result<(), Error> {
+    let found = match (about.is_file(), about.is_dir()) {
+        (true, _) => return Ok(()),
+        (false, true) => "a folder",
+        (false, false) => "not a regular file",
+    };
+    Err(Error::NotAFile {
+        path: path.into(),
+        found,
+    })
 }
 
 /// Whether its writer holds the lock of a recording.

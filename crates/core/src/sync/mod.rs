@@ -140,7 +140,7 @@ impl fmt::Display for Shortfall {
         )?;
         match self.nearest {
             Some(t) => write!(f, "; its nearest frame is at {:.1} ms", ms(t)),
-            None if self.found == 0 => write!(f, "; it has no frames"),
+            None if self.found == 0 => write!(f, "; it has no frame that this capture could take"),
             None => Ok(()),
         }
     }
@@ -168,16 +168,35 @@ impl<H> Capture<H> {
         times().max().unwrap_or(0) - times().min().unwrap_or(0)
     }
 
-    /// Why it failed, in words; empty when nothing was short.
+    /// Why it failed, in words; empty when nothing was short. Cameras without any frame, as where a recording was cut
+    /// off, are named together.
     pub fn reason(&self) -> String {
-        const MOST: usize = 20;
-        let told = self.shortfalls.iter().take(MOST);
-        let mut reasons: Vec<String> = told.map(ToString::to_string).collect();
-        if let Some(more) = self.shortfalls.len().checked_sub(MOST).filter(|n| *n > 0) {
+        let all = self.shortfalls.iter();
+        let (without, short): (Vec<&Shortfall>, Vec<&Shortfall>) =
+            all.partition(|shortfall| shortfall.found == 0 && shortfall.nearest.is_none());
+        let told = short.iter().take(MOST_TOLD).map(ToString::to_string);
+        let mut reasons: Vec<String> = without_frames(&without).into_iter().chain(told).collect();
+        if let Some(more) = short.len().checked_sub(MOST_TOLD).filter(|n| *n > 0) {
             reasons.push(format!("and {more} more cameras"));
         }
         reasons.join("; ")
     }
+}
+
+/// Most cameras that a reason names.
+const MOST_TOLD: usize = 20;
+
+/// The reason of cameras that have no frame for a capture: that of the first, and the names of the others.
+fn without_frames(shortfalls: &[&Shortfall]) -> Option<String> {
+    let (first, others) = shortfalls.split_first()?;
+    let named = others.iter().take(MOST_TOLD);
+    let named: Vec<&str> = named.map(|other| other.camera.as_str()).collect();
+    let names = named.join(", ");
+    Some(match others.len() - named.len() {
+        _ if named.is_empty() => first.to_string(),
+        0 => format!("{first}, and neither have {names}"),
+        more => format!("{first}, and neither have {names} and {more} more cameras"),
+    })
 }
 
 /// A trigger whose capture is still open.

@@ -152,7 +152,7 @@ fn a_missing_camera_fails_the_capture_and_is_named_with_what_it_gave() {
         reason.contains("depth camera d gave 9 frames from"),
         "{reason}"
     );
-    assert!(!reason.contains("it has no frames"), "{reason}");
+    assert!(!reason.contains("it has no frame"), "{reason}");
     let parameters = Parameters {
         go_on_without_missing: true,
         ..Parameters::default()
@@ -160,6 +160,25 @@ fn a_missing_camera_fails_the_capture_and_is_named_with_what_it_gave() {
     let captures = session.run(cameras(true), &parameters);
     assert!(captures[0].complete);
     assert_eq!(captures[0].shortfalls.len(), 2);
+}
+
+#[test]
+fn cameras_without_any_frame_are_named_together() {
+    let session = Session::default().trigger("x", 100);
+    let captures = session.captures(true);
+    assert!(!captures[0].complete);
+    assert_eq!(
+        captures[0].reason(),
+        "colour camera a gave no frame from -5.0 to 2000.0 ms after the trigger, expected at least 1; it has no frame \
+         that this capture could take, and neither have b, d"
+    );
+    let captures = session.colors("a", &[2500]).captures(false);
+    let reason = captures[0].reason();
+    assert!(
+        reason.starts_with("colour camera b gave no frame")
+            && reason.contains("could take; colour camera a gave no frame"),
+        "{reason}"
+    );
 }
 
 #[test]

@@ -131,12 +131,12 @@ pub enum Error {
     },
     /// A cell size so small that it would need too much work.
     #[error(
-        "hull.cell_size is {found} m: expected {least:.2e} m or more for an object of this size, or 0"
+        "hull.cell_size is {found} m: expected {:.3} mm or more for an object of this size, or 0", 1e3 * least
     )]
     CellTooSmall { found: f64, least: f64 },
     /// A cell size so large that the object's form is lost, as when it was given in millimetres.
     #[error(
-        "hull.cell_size is {found} m: expected {most:.2e} m or less for an object of this size, or 0"
+        "hull.cell_size is {found} m: expected {:.3} mm or less for an object of this size, or 0", 1e3 * most
     )]
     CellTooLarge { found: f64, most: f64 },
 }
