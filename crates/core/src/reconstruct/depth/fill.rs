@@ -2,7 +2,7 @@
 //! across it, or an edge that hides what is behind it, and then each of its pixels belongs to one side. The far
 //! side distinguishes the two: if it rises towards the near side, it is the foot of a wall.
 
-use super::Parameters;
+use super::{Parameters, straight};
 use crate::image::Grid;
 
 /// Radius in pixels in which a hole's surroundings are looked at.
@@ -226,7 +226,8 @@ impl Plane {
 
 /// Lets depth run across the `open` pixels: the harmonic function bounded by what is around them, started
 /// from the outside in, then relaxed. Linear depth is reproduced. (A plane in space is linear in inverse
-/// depth; but walls are rounded at their foot, and there depth itself is nearer to the truth.)
+/// depth; but walls are rounded at their foot, and there depth itself is nearer to the truth.) Across wide holes it
+/// is made straight.
 fn run_across(depth: &mut Grid<f32>, open: &[(usize, usize)], step: f32) {
     let measured = depth.clone();
     let mut waiting: Vec<_> = open.to_vec();
@@ -250,6 +251,7 @@ fn run_across(depth: &mut Grid<f32>, open: &[(usize, usize)], step: f32) {
             }
         }
     }
+    straight::straighten(&measured, depth, open, step);
 }
 
 /// Weighted mean of the up to four neighbours that have depth. A measured surface reaches to its pixel's

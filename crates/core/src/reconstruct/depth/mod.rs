@@ -10,6 +10,7 @@ mod noise;
 mod plate;
 mod pyramid;
 mod several;
+mod straight;
 mod window;
 
 pub use noise::SensorNoise;
