@@ -36,6 +36,11 @@ const GREEN_STRETCH_PX2: f64 = 70.0;
 const SPOT_PX2: f64 = 60.0;
 /// … and so many where the pose is green.
 const SPOT_GREEN_PX2: f64 = 40.0;
+/// What one outline alone denies the rays of several views, off the tables, may weigh so many square pixels, without
+/// the view that misses most …
+const LOST_PX2: f64 = 14.0;
+/// … and so many where the pose is green.
+const LOST_GREEN_PX2: f64 = 8.0;
 /// Metres that a pixel covers on an object from which on these areas are those. Where pixels are smaller, as at 5
 /// megapixels, outlines err over as many millimetres, which are more pixels.
 const AREA_PIXEL: f64 = 0.33e-3;
@@ -189,6 +194,16 @@ pub(super) fn is_change(spot: f64, pixel: f64) -> bool {
 /// Whether it lies above the lower half of what is accepted.
 pub(super) fn is_maybe_change(spot: f64, pixel: f64) -> bool {
     spot > area(SPOT_GREEN_PX2, pixel)
+}
+
+/// Whether what one outline alone denies several views, in square pixels, shows that it lost a piece.
+pub(super) fn is_lost_piece(weight: f64, pixel: f64) -> bool {
+    weight > area(LOST_PX2, pixel)
+}
+
+/// Whether it lies above the lower half of what is accepted.
+pub(super) fn is_maybe_lost_piece(weight: f64, pixel: f64) -> bool {
+    weight > area(LOST_GREEN_PX2, pixel)
 }
 
 /// Whether a stretch objects to a pose that was not fitted to the silhouettes.
