@@ -320,10 +320,6 @@ fn a_piece_that_one_outline_lost_counts_although_its_capture_contradicts_itself_
     let beyond_own = decision.beyond_own.clone().unwrap().0.weight();
     assert!(limits::is_doubtful(beyond_own, 1e-3), "{decision:?}");
     assert!(decision.is_doubtful, "{decision:?}");
-    // That outline is named, and not those that show what it lacks.
-    let (spot, is_second) = decision.changed.clone().unwrap();
-    assert_eq!((spot.stretch.camera, is_second), (most, true));
-    assert_eq!(decision.verdict, Err(Refusal::Stretch), "{decision:?}");
 }
 
 #[test]
