@@ -20,6 +20,7 @@ mod surface;
 
 use assert_cmd::Command;
 use gaps::Gaps;
+use nalgebra::Isometry3;
 use scand::evaluate::load::load;
 use scand::mesh::Mesh;
 use scand::recording::Compression;
@@ -149,8 +150,25 @@ impl Fused {
 
     /// How good the model is, if there is one.
     fn scores(&self) -> Option<Scores> {
-        let model = self.model.as_ref();
-        model.map(|model| Scores::of(model, self.simulation.truth()))
+        let model = self.model.as_ref()?;
+        Some(Scores::of(model, &self.truth_in_frame()))
+    }
+
+    /// The object's true surface in the model's frame: the rig's at the capture that the report names, which is not the
+    /// first one where that was left out.
+    fn truth_in_frame(&self) -> Mesh {
+        let named = self
+            .report
+            .as_ref()
+            .map(|report| &report["fusion"]["frame_of"]);
+        let is_named = |capture: &&Value| Some(&capture["id"]) == named;
+        let index = self.captures().iter().position(is_named).unwrap_or(0);
+        let pose: Isometry3<f32> = self.simulation.rig_from_object(index).cast();
+        let truth = self.simulation.truth();
+        Mesh {
+            vertices: truth.vertices.iter().map(|v| pose * v).collect(),
+            triangles: truth.triangles.clone(),
+        }
     }
 
     /// The largest own noise of its captures.

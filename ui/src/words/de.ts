@@ -508,7 +508,7 @@ export const de: Words = {
   said_no_hull: "kein Körper passt zu all ihren Silhouetten; nehmen Sie noch einmal auf",
   said_no_pose: "in keiner Lage passen ihre Silhouetten zu denen von {capture}: sie weichen bestenfalls um {n} mm ab, erlaubt sind {n_most} mm{place}. Es ist nicht dieses Objekt, oder es hat sich verändert, oder etwas verdeckte einen Teil",
   said_scale: "ihre Silhouetten passen zu denen von {capture} nur, wenn die Längen um {n} % abweichen: um so viel können sich die Kalibrierungen unterscheiden. Nehmen Sie alles unter einer Kalibrierung auf; stimmen beide, ist es ein anderes Objekt",
-  said_stretch: "ein Teil ihres Umrisses passt nicht zu {capture}{place}: dort hat sich das Objekt verändert, oder etwas verdeckte es",
+  said_stretch: "ein Teil ihres Umrisses passt nicht zu {capture}{place}: dort hat sich das Objekt verändert, etwas verdeckte es, oder einem Umriss fehlt dort ein Stück",
   said_depth_contradicts: "die Tiefe widerspricht der Lage, in der ihre Silhouetten zu {capture} passen: {reason}",
   said_undecided: "ihre Silhouetten passen zu {capture} in mehreren Lagen mit verschiedenen Farben oder Höhlungen, und nichts entscheidet zwischen ihnen: {reason}",
   said_put_mark: "bringen Sie eine Marke an, die beide Aufnahmen sehen, oder nehmen Sie eine Lage dazwischen auf",

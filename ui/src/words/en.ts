@@ -506,7 +506,7 @@ export const en = {
   said_no_hull: "no solid fits all its silhouettes; take this capture again",
   said_no_pose: "in no pose do its silhouettes agree with those of {capture}: they disagree by {n} mm at best, at most {n_most} mm were expected{place}. It is not this object, or it changed, or something hid a part of it",
   said_scale: "its silhouettes agree with those of {capture} only if lengths differ by {n} %: the calibrations may differ by that. Take all captures under one calibration; if both are right, it is another object",
-  said_stretch: "a part of its outline disagrees with {capture}{place}: the object changed there, or something hid it",
+  said_stretch: "a part of its outline disagrees with {capture}{place}: the object changed there, something hid it, or an outline lost a piece there",
   said_depth_contradicts: "depth contradicts the pose in which its silhouettes agree with {capture}: {reason}",
   said_undecided: "its silhouettes agree with {capture} in several poses that differ in colours or hollows, and nothing decides between them: {reason}",
   said_put_mark: "put a mark in view of both captures, or add a capture in a pose in between",

@@ -5,12 +5,13 @@ use super::align::{Aligned, Rays, align};
 use super::body::Body;
 use super::depth::Depths;
 use super::determination::{Determination, axis};
+use super::lost;
 use super::motion::displacement;
 use super::noise::{self, ContourStretch, Disagreement};
 use super::scale;
 use super::search;
 use super::skin::Skin;
-use super::spots::{self, Spot};
+use super::spots::{AgainstBoth, Spot};
 use super::touch::Target;
 use super::{ColorAgreement, DepthWitness, OtherPose, PoseEvidence, Refusal, limits};
 use crate::calibration::Camera;
@@ -47,8 +48,8 @@ pub(super) struct Decision {
     pub(super) stretch: Option<(ContourStretch, bool)>,
     /// The worst one of what they miss beyond what they miss in their own capture.
     pub(super) beyond_own: Option<(ContourStretch, bool)>,
-    /// Where outlines of several views disagree at one spot, so that something may have broken off there; whether they
-    /// are the second's.
+    /// Where outlines of several views disagree at one spot, so that something may have broken off there, or where one
+    /// outline seems to lack a piece; whether they are the second's.
     pub(super) changed: Option<(Spot, bool)>,
     /// The axis in the second's rig about which a turn is free.
     pub(super) free_axis: Option<UnitVector3<f64>>,
@@ -397,8 +398,12 @@ impl CapturePair<'_> {
         let of_b = noise::of_rays(b, &target(a, aligned.pose.inverse()));
         let disagreement = (0.5 * (of_a.rms.powi(2) + of_b.rms.powi(2))).sqrt();
         let stretch = heavier([(of_a.stretch, false), (of_b.stretch, true)]);
-        let of_a = spots::changes(a, &self.a.alone, b, aligned.pose);
-        let of_b = spots::changes(b, &self.b.alone, a, aligned.pose.inverse());
+        let both = [
+            AgainstBoth::new(a, b, aligned.pose),
+            AgainstBoth::new(b, a, aligned.pose.inverse()),
+        ];
+        let of_a = both[0].changes(&self.a.alone);
+        let of_b = both[1].changes(&self.b.alone);
         let spots = [(of_a.spot, false), (of_b.spot, true)].into_iter();
         let spots = spots.filter_map(|(spot, is_second)| Some((spot?, is_second)));
         let spot = spots.max_by(|x, y| x.0.weight.total_cmp(&y.0.weight));
@@ -415,6 +420,17 @@ impl CapturePair<'_> {
             Ok(_) if is_long || limits::is_change(weight, pixel) => Err(Refusal::Stretch),
             verdict => verdict,
         };
+        // Where much misses, looking for one outline that explains it is long, and says nothing.
+        let lost = verdict.is_ok().then(|| lost::piece(&both)).flatten();
+        let lost_weight = lost.as_ref().map_or(0.0, |piece| piece.at.weight);
+        let is_lost = limits::is_lost_piece(lost_weight, pixel);
+        let is_maybe_lost = limits::is_maybe_lost_piece(lost_weight, pixel);
+        let verdict = match verdict {
+            Ok(_) if is_lost => Err(Refusal::Stretch),
+            verdict => verdict,
+        };
+        let lost = lost.filter(|_| is_maybe_lost);
+        let lost = lost.map(|piece| (piece.at, piece.is_second));
         Decision {
             uncertainty: self.uncertainty(aligned, disagreement),
             pose: aligned.pose,
@@ -424,13 +440,13 @@ impl CapturePair<'_> {
             noise: self.noise,
             stretch: if is_long { beyond_own.clone() } else { stretch },
             beyond_own,
-            changed: spot.filter(|_| is_maybe_change),
+            changed: lost.or_else(|| spot.filter(|_| is_maybe_change)),
             free_axis: None,
             rivals: Vec::new(),
             colours: None,
             depth: None,
             larger_by: None,
-            is_doubtful: is_maybe_change || limits::is_doubtful(longest, pixel),
+            is_doubtful: is_maybe_change || is_maybe_lost || limits::is_doubtful(longest, pixel),
         }
     }
 

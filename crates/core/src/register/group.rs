@@ -38,7 +38,11 @@ pub fn register(
         let given = given.map(|g| g[b] * g[a].inverse());
         Some(decide(prepared[a].as_ref()?, prepared[b].as_ref()?, given))
     };
-    let against_all = |placed: &[Placed], i: usize| against_all(&prepared, placed, i);
+    let most_at_once = match given {
+        Some(_) => limits::at_once_objection,
+        None => limits::all_at_once,
+    };
+    let against_all = |placed: &[Placed], i: usize| against_all(&prepared, placed, i, most_at_once);
     let mut comparisons = Comparisons::new(&compare, order.len());
     let places = largest(&mut comparisons, &against_all, &order);
     let found = Found {
@@ -80,8 +84,13 @@ fn contradicts_itself(own: &Disagreement, pixel: f64) -> bool {
     own.rms > limits::own(pixel) || limits::does_contradict_itself(stretch, pixel)
 }
 
-/// What all others of `placed` say against one of them.
-fn against_all(prepared: &[Option<Prepared>], placed: &[Placed], i: usize) -> Option<AtOnce> {
+/// What all others of `placed` say against one of them, where of that noise and pixel they may say so many metres.
+fn against_all(
+    prepared: &[Option<Prepared>],
+    placed: &[Placed],
+    i: usize,
+    most: fn(f64, f64) -> f64,
+) -> Option<AtOnce> {
     let own = &placed[i];
     let others = placed.iter().filter(|p| p.index != own.index);
     let targets = others.filter_map(|p| {
@@ -98,7 +107,7 @@ fn against_all(prepared: &[Option<Prepared>], placed: &[Placed], i: usize) -> Op
     let noise = noises.map(|p| p.own.rms).fold(0.0, f64::max);
     Some(AtOnce {
         rms,
-        share: rms / limits::all_at_once(noise, body.pixel),
+        share: rms / most(noise, body.pixel),
         is_clear: limits::is_green_at_once(rms, noise, body.pixel),
     })
 }

@@ -36,11 +36,18 @@ const GREEN_STRETCH_PX2: f64 = 70.0;
 const SPOT_PX2: f64 = 60.0;
 /// … and so many where the pose is green.
 const SPOT_GREEN_PX2: f64 = 40.0;
+/// What one outline alone denies the rays of several views, off the tables, may weigh so many square pixels, without
+/// the view that misses most …
+const LOST_PX2: f64 = 14.0;
+/// … and so many where the pose is green.
+const LOST_GREEN_PX2: f64 = 8.0;
 /// Metres that a pixel covers on an object from which on these areas are those. Where pixels are smaller, as at 5
 /// megapixels, outlines err over as many millimetres, which are more pixels.
 const AREA_PIXEL: f64 = 0.33e-3;
-/// A stretch against a pose that was not fitted may weigh so many times as much.
+/// A stretch against a pose that was not fitted may weigh so many times as much …
 const STRETCH_OBJECTION: f64 = 1.5;
+/// … and all other captures together may say so many times as much against it.
+const AT_ONCE_OBJECTION: f64 = 1.5;
 /// Comparisons of two captures that are made at most: so many for each capture …
 const COMPARISONS_EACH: usize = 2;
 /// … and so many more. All of up to six captures can be compared.
@@ -189,6 +196,16 @@ pub(super) fn is_maybe_change(spot: f64, pixel: f64) -> bool {
     spot > area(SPOT_GREEN_PX2, pixel)
 }
 
+/// Whether what one outline alone denies several views, in square pixels, shows that it lost a piece.
+pub(super) fn is_lost_piece(weight: f64, pixel: f64) -> bool {
+    weight > area(LOST_PX2, pixel)
+}
+
+/// Whether it lies above the lower half of what is accepted.
+pub(super) fn is_maybe_lost_piece(weight: f64, pixel: f64) -> bool {
+    weight > area(LOST_GREEN_PX2, pixel)
+}
+
 /// Whether a stretch objects to a pose that was not fitted to the silhouettes.
 pub(super) fn does_stretch_object(stretch: f64, pixel: f64) -> bool {
     is_long(stretch / STRETCH_OBJECTION, pixel)
@@ -209,7 +226,12 @@ pub(super) fn all_at_once(noise: f64, pixel: f64) -> f64 {
     (ALL_AT_ONCE * noise).max(noise + ALL_AT_ONCE_MORE_PX * pixel)
 }
 
-/// Whether what all others say lies in the lower half of that.
+/// The most that they may say against one whose pose was not fitted to the silhouettes, in metres.
+pub(super) fn at_once_objection(noise: f64, pixel: f64) -> f64 {
+    AT_ONCE_OBJECTION * all_at_once(noise, pixel)
+}
+
+/// Whether what all others say lies in the lower half of what they may say of a pose that was fitted.
 pub(super) fn is_green_at_once(rms: f64, noise: f64, pixel: f64) -> bool {
     rms <= (AT_ONCE_GREEN * noise).max(noise + AT_ONCE_GREEN_MORE_PX * pixel)
 }

@@ -9,7 +9,7 @@
 //! - `determination` finds the directions in which the silhouettes do not determine the pose;
 //! - `loose` asks colours where silhouettes hold a pose, but hold it loosely;
 //! - `skin` compares colours, which may be `alike` at every turn, and `depth` readings; `noise` measures how far a
-//!   capture contradicts itself, and `spots` finds where the object changed;
+//!   capture contradicts itself, `spots` finds where the object changed, and `lost` an outline that lost a piece;
 //! - `decide` compares two captures, with `witnesses` where the silhouettes leave a choice, and with a `scale` where
 //!   their calibrations differ; `comparisons` keeps what was found of pairs, `places` makes groups of it, and `group`
 //!   does so for all and states what was found;
@@ -26,6 +26,7 @@ mod determination;
 mod group;
 mod limits;
 mod loose;
+mod lost;
 mod motion;
 mod noise;
 mod outline;

@@ -48,27 +48,42 @@ pub(super) fn own_misses(own: &Body) -> Vec<f64> {
     misses(own, &touches(own, &[itself(own)]))
 }
 
-/// Where the contours of `own` say most for a change of the object. `alone` is [`own_misses`] of `own`.
-pub(super) fn changes(
-    own: &Body,
-    alone: &[f64],
-    other: &Body,
-    other_from_own: Isometry3<f64>,
-) -> Changes {
-    let target = Target {
-        body: other,
-        body_from_ray: other_from_own,
-        is_self: false,
-    };
-    let touches = touches(own, &[target, itself(own)]);
-    let more = misses(own, &touches).into_iter().zip(alone);
-    let more: Vec<f64> = more.map(|(miss, alone)| miss - alone.max(0.0)).collect();
-    let place = |i: usize| own.rays[i].eye + own.rays[i].direction * touches[i].along;
-    let found = stretches(own, &more, &place);
-    let heavier = |a: &ContourStretch, b: &ContourStretch| a.weight().total_cmp(&b.weight());
-    Changes {
-        spot: heaviest(&found, REACH_PX * own.pixel),
-        stretch: found.into_iter().map(|miss| miss.stretch).max_by(heavier),
+/// All rays of a capture against another one and the other outlines of their own.
+pub(super) struct AgainstBoth<'a> {
+    pub(super) own: &'a Body,
+    /// The other capture and the own one, in this order.
+    pub(super) targets: [Target<'a>; 2],
+    /// The best place of each ray.
+    pub(super) touches: Vec<Touch>,
+}
+
+impl<'a> AgainstBoth<'a> {
+    pub(super) fn new(own: &'a Body, other: &'a Body, other_from_own: Isometry3<f64>) -> Self {
+        let target = Target {
+            body: other,
+            body_from_ray: other_from_own,
+            is_self: false,
+        };
+        let targets = [target, itself(own)];
+        Self {
+            own,
+            targets,
+            touches: touches(own, &targets),
+        }
+    }
+
+    /// Where the contours say most for a change of the object. `alone` is [`own_misses`] of `own`.
+    pub(super) fn changes(&self, alone: &[f64]) -> Changes {
+        let (own, touches) = (self.own, &self.touches);
+        let more = misses(own, touches).into_iter().zip(alone);
+        let more: Vec<f64> = more.map(|(miss, alone)| miss - alone.max(0.0)).collect();
+        let place = |i: usize| own.rays[i].eye + own.rays[i].direction * touches[i].along;
+        let found = stretches(own, &more, &place);
+        let heavier = |a: &ContourStretch, b: &ContourStretch| a.weight().total_cmp(&b.weight());
+        Changes {
+            spot: heaviest(&found, REACH_PX * own.pixel),
+            stretch: found.into_iter().map(|miss| miss.stretch).max_by(heavier),
+        }
     }
 }
 

@@ -62,30 +62,21 @@ struct Probe<'a> {
 
 /// The best place of a ray of `own`; where it is known to be near a place, that is the only one where it is looked for.
 pub(super) fn touch(own: &Body, ray: &Ray, targets: &[Target], near: Option<f64>) -> Touch {
+    Probe::new(own, ray, targets).best(ray, near)
+}
+
+/// The best place of a ray of `own`, if an outline of a target, given by both their numbers, had no say.
+pub(super) fn touch_without(
+    own: &Body,
+    ray: &Ray,
+    targets: &[Target],
+    (target, outline): (usize, usize),
+) -> Touch {
     let mut probe = Probe::new(own, ray, targets);
-    let first = &targets[0];
-    let center = first.body_from_ray.inverse() * first.body.center;
-    let middle = (center - ray.eye).dot(&ray.direction);
-    let reach = 1.15 * targets.iter().map(|t| t.body.radius).fold(0.0, f64::max);
-    let step = STEP * reach;
-    let (low, high) = (middle - reach, middle + reach);
-    let (peaks, around) = match near {
-        Some(near) => (vec![near], 1.5 * step),
-        None => (probe.peaks([low, high], step), step),
-    };
-    let refined = peaks
-        .into_iter()
-        .map(|at| probe.climb(at - around, at + around));
-    let worst = (f64::NEG_INFINITY, middle);
-    let (inside, along) = refined.fold(
-        worst,
-        |best, found| if found.0 > best.0 { found } else { best },
-    );
-    Touch {
-        inside,
-        along,
-        gradient: probe.gradient(ray, along, 0.1 * first.body.pixel),
-    }
+    probe.conditions.retain(|condition| {
+        !matches!(*condition, Condition::Cone { target: t, outline: o, .. } if (t, o) == (target, outline))
+    });
+    probe.best(ray, None)
 }
 
 impl<'a> Probe<'a> {
@@ -124,6 +115,34 @@ impl<'a> Probe<'a> {
         Self {
             targets,
             conditions,
+        }
+    }
+
+    /// The best place of the ray, looked for near a place or everywhere.
+    fn best(&mut self, ray: &Ray, near: Option<f64>) -> Touch {
+        let targets = self.targets;
+        let first = &targets[0];
+        let center = first.body_from_ray.inverse() * first.body.center;
+        let middle = (center - ray.eye).dot(&ray.direction);
+        let reach = 1.15 * targets.iter().map(|t| t.body.radius).fold(0.0, f64::max);
+        let step = STEP * reach;
+        let (low, high) = (middle - reach, middle + reach);
+        let (peaks, around) = match near {
+            Some(near) => (vec![near], 1.5 * step),
+            None => (self.peaks([low, high], step), step),
+        };
+        let refined = peaks
+            .into_iter()
+            .map(|at| self.climb(at - around, at + around));
+        let worst = (f64::NEG_INFINITY, middle);
+        let (inside, along) = refined.fold(
+            worst,
+            |best, found| if found.0 > best.0 { found } else { best },
+        );
+        Touch {
+            inside,
+            along,
+            gradient: self.gradient(ray, along, 0.1 * first.body.pixel),
         }
     }
 

@@ -415,7 +415,8 @@ impl Told<'_> {
                  object changed there, or something hid it"
             ),
             Refusal::Stretch => format!(
-                "a part of its outline disagrees with {to}{place}: the object changed there, or something hid it"
+                "a part of its outline disagrees with {to}{place}: the object changed there, something hid it, or an outline lost \
+                 a piece there"
             ),
             Refusal::DepthContradicts => format!(
                 "depth contradicts the pose in which its silhouettes agree with {to}: {ADVICE}"
