@@ -139,7 +139,7 @@ mod tests {
         };
         // Killed before the model was in place.
         origin("c".into()).announce(&target).unwrap();
-        let half = [".a1.fleet.part-1-0", ".a1.fleet-announced.part-1-1"];
+        let half = ["..a1.fleet.part-1-0", "..a1.fleet-announced.part-1-1"];
         let half = half.map(|name| home.path().join("cup").join(name));
         half.iter()
             .for_each(|path| std::fs::write(path, "{").unwrap());
