@@ -4,6 +4,7 @@ use super::body::Body;
 use super::decide::{Decision, decide};
 use super::depth::{Depths, contradiction};
 use super::group::prepare;
+use super::spots::AgainstBoth;
 use super::touch::{Target, touch};
 use super::*;
 use crate::calibration::{Camera, DepthCamera, DepthResponse, Distortion, Intrinsics, Volume};
@@ -320,6 +321,48 @@ fn a_piece_that_one_outline_lost_counts_although_its_capture_contradicts_itself_
     let beyond_own = decision.beyond_own.clone().unwrap().0.weight();
     assert!(limits::is_doubtful(beyond_own, 1e-3), "{decision:?}");
     assert!(decision.is_doubtful, "{decision:?}");
+}
+
+#[test]
+fn an_outline_that_lost_a_piece_is_named_and_where_none_did_nothing_is() {
+    let poses = near_poses();
+    let knob = ball(0.0, -0.03, 0.012, 0.008);
+    let whole = [&crooked()[..], &[knob]].concat();
+    let mut captures = poses.map(|pose| capture(&whole, &pose));
+    let piece = |captures: &[(Scene, Vec<Silhouette>); 2]| {
+        let [a, b] = captures.each_ref().map(|(scene, silhouettes)| {
+            Body::new(&CaptureSilhouettes { scene, silhouettes }).unwrap()
+        });
+        let pose = poses[1] * poses[0].inverse();
+        lost::piece(&[
+            AgainstBoth::new(&a, &b, pose),
+            AgainstBoth::new(&b, &a, pose.inverse()),
+        ])
+    };
+    let is_maybe_lost = |weight: f64| limits::is_maybe_lost_piece(weight, 1e-3);
+    let of_whole = piece(&captures);
+    assert!(
+        of_whole
+            .as_ref()
+            .is_none_or(|p| !is_maybe_lost(p.at.weight)),
+        "{of_whole:?}"
+    );
+    for i in 0..9 {
+        let (before, camera) = (
+            captures[1].1[i].level.clone(),
+            captures[1].0.colors[i].camera.clone(),
+        );
+        let without = level(&camera, &crooked(), &poses[1]);
+        let shown = before.pixels().iter().zip(without.pixels());
+        if shown.filter(|(a, b)| a.abs_diff(**b) > 100).count() < 20 {
+            continue;
+        }
+        captures[1].1[i].level = without;
+        let found = piece(&captures).unwrap();
+        assert_eq!((found.at.stretch.camera, found.is_second), (i, true));
+        assert!(limits::is_lost_piece(found.at.weight, 1e-3), "{found:?}");
+        captures[1].1[i].level = before;
+    }
 }
 
 #[test]
