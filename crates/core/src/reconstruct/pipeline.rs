@@ -211,6 +211,7 @@ pub fn reconstruct_from(
         Some(Ok(surface)) => Some(FairedHull {
             plain: &extracted.surface.mesh,
             solid: &surface.faired.solid,
+            contour_rms_px: surface.faired.facts.contour_rms_px,
         }),
         _ => None,
     };

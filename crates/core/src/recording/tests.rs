@@ -223,7 +223,7 @@ fn what_is_no_recording_is_named() {
     let open = |path: &Path| Recording::open(path).unwrap_err().to_string();
     let error = open(&folder.path().join("missing.mcap"));
     assert!(error.contains("missing.mcap"), "{error}");
-    assert!(open(folder.path()).contains("not a regular file"));
+    assert!(open(folder.path()).contains("is a folder"));
     let path = folder.path().join("a.mcap");
     std::fs::write(&path, b"").unwrap();
     assert!(open(&path).contains("it is empty"));

@@ -43,23 +43,56 @@ pub struct FairedHull<'a> {
     pub plain: &'a Mesh,
     /// The faired one.
     pub solid: &'a FairedSolid,
+    /// Root mean square distance of the contours to its outlines, in pixels.
+    pub contour_rms_px: f64,
 }
 
 /// What fairing is expected to be off, in shares of what it did; `design/surface.md` tells what they were chosen on.
 /// All errors are far from normal: the largest tenth are thirty times the smallest.
 mod share {
-    /// Of the way that a vertex was moved.
-    pub(super) const OF_MOVED: f64 = 0.5;
-    /// Pixels at which half as much is expected as in proportion to the way: long ways end at a surface as smooth as
-    /// short ones do.
+    /// Pixels at which half as much is expected as in proportion to the way that a vertex was moved: long ways end at
+    /// a surface as smooth as short ones do.
     pub(super) const MOVED_PX: f64 = 10.0;
-    /// Of what fairing left of the hull's expected depth.
-    pub(super) const OF_LEFT: f64 = 0.42;
-    /// Of the hull's expected depth, where the hull was kept.
-    pub(super) const OF_KEPT: f64 = 0.6;
     /// Of a contour's error, on a flat side that many contours hold.
     pub(super) const OF_CONTOUR: f64 = 0.5;
+    /// Pixels within which an outline confirms a place.
+    pub(super) const CONFIRMING_PX: f64 = 3.0;
+    /// By how much each such outline lowers what is expected, and how many of them count.
+    pub(super) const OF_OUTLINE: f64 = 0.115;
+    pub(super) const MOST_OUTLINES: usize = 5;
+    /// Distance of contours to outlines, in pixels, at which the object is as smooth as `STATED` assumes, and the power
+    /// by which more is expected where contours are farther off: at edges that fairing rounded.
+    pub(super) const USUAL_RMS_PX: f64 = 0.12;
+    pub(super) const POWER_OF_RMS: f64 = 0.77;
 }
+
+/// Shares of what is expected of a faired place that is not flat.
+struct Shares {
+    /// Of the way that it was moved.
+    of_moved: f64,
+    /// Of what fairing left of the hull's expected depth.
+    of_left: f64,
+    /// Of the hull's expected depth, where the hull was kept.
+    of_kept: f64,
+    /// Of a contour's error.
+    of_contour: f64,
+}
+
+/// What a place bears before a reading of depth carves it.
+const BORNE: Shares = Shares {
+    of_moved: 0.5,
+    of_left: 0.42,
+    of_kept: 0.6,
+    of_contour: 1.0,
+};
+
+/// What a model states of a place that no outline confirms, if contours fit as usual.
+const STATED: Shares = Shares {
+    of_moved: 1.05,
+    of_left: 0.25,
+    of_kept: 0.5,
+    of_contour: 0.5,
+};
 
 /// What the stated errors follow from.
 pub struct Evidence<'a> {
@@ -168,7 +201,7 @@ impl Evidence<'_> {
         let beside = || cut::nearest(place.on_hull, known).map(|(beside, _)| beside);
         let outlined = own.or_else(|| beside().filter(|_| !is_guess));
         let of_hull = outlined.map_or(place.of_contour, |outlined| outlined.of_hull);
-        let of_outside = self.of_outside(place, of_hull);
+        let of_outside = self.of_outside(place, of_hull, &self.stated_shares(place));
         let may_be_lid = hollow::may_be_lid(point, normal, &self.readings);
         let hidden = match own {
             Some(own) if may_be_lid => own.way_to_object,
@@ -191,15 +224,34 @@ impl Evidence<'_> {
     }
 
     /// What is expected of the outside at a place where `of_hull` metres are expected of the plain hull.
-    fn of_outside(&self, place: &Place, of_hull: f64) -> f64 {
+    fn of_outside(&self, place: &Place, of_hull: f64, shares: &Shares) -> f64 {
         match (&self.faired, place.moved) {
-            (Some(faired), Some(moved)) => {
-                let Place {
-                    point, of_contour, ..
-                } = *place;
-                of_faired(faired.solid, point, of_hull, moved, of_contour)
-            }
+            (Some(faired), Some(moved)) => of_faired(
+                faired.solid,
+                place.point,
+                of_hull,
+                moved,
+                place.of_contour,
+                shares,
+            ),
             _ => of_hull,
+        }
+    }
+
+    /// The shares that a model states at a place: the more, the fewer outlines confirm it, and the worse the faired
+    /// hull's outlines fit the contours.
+    fn stated_shares(&self, place: &Place) -> Shares {
+        let rms_px = self
+            .faired
+            .map_or(share::USUAL_RMS_PX, |f| f.contour_rms_px);
+        let outlines = self.hull.outlines_near(place.point, share::CONFIRMING_PX);
+        let outlines = outlines.take(share::MOST_OUTLINES).count() as f64;
+        let fit = (rms_px / share::USUAL_RMS_PX).powf(share::POWER_OF_RMS);
+        let times = fit / (1.0 + share::OF_OUTLINE * outlines);
+        Shares {
+            of_moved: times * STATED.of_moved,
+            of_left: times * STATED.of_left,
+            ..STATED
         }
     }
 
@@ -226,16 +278,17 @@ fn of_faired(
     of_hull: f64,
     moved: f64,
     of_contour: f64,
+    shares: &Shares,
 ) -> f64 {
     if solid.is_on_side(p) {
         return share::OF_CONTOUR * of_contour;
     }
     let much = share::MOVED_PX / CONTOUR_PX * of_contour;
     let left = (of_hull - moved).max(0.0);
-    let of_moved = (share::OF_MOVED * moved / (1.0 + moved / much))
-        .hypot(share::OF_LEFT * left)
-        .hypot(of_contour);
-    let of_kept = (share::OF_KEPT * of_hull).hypot(of_contour);
+    let of_moved = (shares.of_moved * moved / (1.0 + moved / much))
+        .hypot(shares.of_left * left)
+        .hypot(shares.of_contour * of_contour);
+    let of_kept = (shares.of_kept * of_hull).hypot(of_contour);
     let kept = solid.kept(p);
     (1.0 - kept) * of_moved + kept * of_kept
 }

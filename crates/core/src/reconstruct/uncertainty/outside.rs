@@ -1,7 +1,7 @@
 //! The expected error of the hull's outside, from silhouettes alone and before anything is carved, as a depth camera
 //! sees it: so far a reading may lie behind the hull and show no more than that.
 
-use super::{Evidence, FairedHull};
+use super::{BORNE, Evidence, FairedHull};
 use crate::calibration::DepthCamera;
 use crate::mesh::Bvh;
 use crate::reconstruct::hull::Hull;
@@ -57,7 +57,7 @@ impl<'a> OutsideErrors<'a> {
         let bounding = hull.bounding_camera(place.on_hull);
         let along = match (place.outlined(), bounding) {
             (Some(outlined), Some((_, normal))) => {
-                let across = self.evidence.of_outside(&place, outlined.of_hull);
+                let across = self.evidence.of_outside(&place, outlined.of_hull, &BORNE);
                 across / normal.dot(&view).max(GRAZING)
             }
             _ => 0.5 * hull.reach(place.on_hull, -view, cell_size),

@@ -67,17 +67,17 @@ pub struct Parameters {
     /// model's hollows are filled.
     pub hull_is_wanted: bool,
     /// Share of the model's area, without the face on the table, that faces up and that no depth camera read, although
-    /// the rig has one. Default 0.05.
+    /// the rig has one. Default 0.045.
     pub lid_unread: Limits,
     /// Share of that area that is a guess, because no camera saw it, no depth camera read it, or a depth camera read
     /// something behind it. The last share is also held against `lid_unread`. Default 0.18.
     pub unobserved: Limits,
-    /// Share of the concave regions' pixels without readings that count. Default 0.5.
+    /// Share of the concave regions' pixels without readings that count. Default 0.6.
     pub region_unread: Limits,
-    /// Share of the model's vertices that bridge holes of the depth. Default 0.1.
+    /// Share of the model's vertices that bridge holes of the depth. Default 0.25.
     pub bridged: Limits,
     /// Mean of the model's expected errors over its surface, without the face on the table, in millimetres. Default
-    /// 1.3.
+    /// 1.25.
     pub expected_mm: Limits,
     /// Share of the hull's front, as a depth camera sees it, that is restored from its depth. Default 0.95.
     pub region_share: Limits,
@@ -120,11 +120,11 @@ impl Default for Parameters {
             background_age_h: Limits::amber(24.0),
             skew_ms: Limits::amber_red(10.0, 100.0),
             hull_is_wanted: false,
-            lid_unread: Limits::amber(0.05),
+            lid_unread: Limits::amber(0.045),
             unobserved: Limits::amber(0.18),
-            region_unread: Limits::amber(0.5),
-            bridged: Limits::amber(0.1),
-            expected_mm: Limits::amber(1.3),
+            region_unread: Limits::amber(0.6),
+            bridged: Limits::amber(0.25),
+            expected_mm: Limits::amber(1.25),
             region_share: Limits::amber(0.95),
             disagreement_mm: Limits::amber_red(3.0, 10.0),
             bias_excess_mm: Limits::amber_red(2.0, 15.0),
