@@ -1,6 +1,6 @@
-//! The profile of an object's edge in a blurred picture, fitted to a measured one. Near its outline an object turns away,
-//! and its light changes with the square root of the distance to the outline, most at the outline itself. That looks
-//! like blur, but it begins sharply: so shading and blur are fitted together.
+//! The profile of an object's edge in a blurred picture, fitted to a measured one. Near its outline an object turns
+//! away, and its light changes with the square root of the distance to the outline, most at the outline itself. That
+//! looks like blur, but it begins sharply: so shading and blur are fitted together. Measuring profiles is not here.
 
 use nalgebra::{Matrix4, Vector4};
 use std::f64::consts::TAU;
