@@ -20,8 +20,9 @@ mod long {
         let output = scand(folder.path(), "demo");
         let words = said(&output);
         assert!(output.status.success(), "{words}");
-        // The verdict comes with its reasons.
-        assert!(words.contains("cup-000: amber"), "{words}");
+        // The verdict comes with its reasons and notes.
+        assert!(words.contains("cup-000: green"), "{words}");
+        assert!(words.contains("is interpolated"), "{words}");
         let model = "demo/models/cup/cup-000";
         for name in ["preview.png", "model.glb"] {
             let path = format!("{model}/{name}");

@@ -8,6 +8,9 @@ use crate::words;
 /// Cubic metres that may stay unproved unsaid: a cube of 4 mm.
 const LEAST_UNPROVED: f64 = 6.4e-8;
 
+/// Share of the vertices from which a note says how much is interpolated.
+const NOTED_BRIDGED: f64 = 0.05;
+
 pub(super) fn judge(measured: &Measurements, parameters: &Parameters, into: &mut Vec<Reason>) {
     let model = &measured.model;
     let found = [
@@ -58,12 +61,16 @@ fn not_watertight(model: &ModelMeasures) -> Option<Reason> {
 
 fn bridged(model: &ModelMeasures, parameters: &Parameters) -> Option<Reason> {
     let share = model.share(Provenance::Bridged);
-    beyond(&parameters.bridged, share, ReasonCode::HolesBridged, || {
-        format!(
-            "{} of the model is interpolated over holes in the depth readings",
-            percent(share)
-        )
-    })
+    let level = parameters.bridged.level(share);
+    if level.is_none() && share < NOTED_BRIDGED {
+        return None;
+    }
+    let words = format!(
+        "{} of the model is interpolated over holes in the depth readings",
+        percent(share)
+    );
+    let level = level.unwrap_or(Level::Green);
+    Some(reason(level, ReasonCode::HolesBridged, words))
 }
 
 fn expected_error(model: &ModelMeasures, parameters: &Parameters) -> Option<Reason> {

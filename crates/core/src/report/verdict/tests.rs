@@ -127,6 +127,26 @@ fn codes(verdict: &Verdict, level: Level) -> Vec<ReasonCode> {
 }
 
 #[test]
+fn a_little_interpolation_is_a_note_and_much_is_a_reason() {
+    let of = |share: f64| {
+        let mut measured = measured();
+        measured.model.provenance[0].share = 1.0 - share;
+        measured.model.provenance.push(ProvenanceMeasures {
+            provenance: Provenance::Bridged,
+            share,
+            mean_expected_error: 1e-4,
+        });
+        let verdict = judge(&measured, &capture(), &Parameters::default());
+        let found = verdict.reasons.into_iter();
+        let mut found = found.filter(|reason| reason.code == ReasonCode::HolesBridged);
+        found.next().map(|reason| reason.level)
+    };
+    assert_eq!(of(0.02), None);
+    assert_eq!(of(0.2), Some(Level::Green));
+    assert_eq!(of(0.3), Some(Level::Amber));
+}
+
+#[test]
 fn a_model_of_silhouettes_alone_is_to_be_looked_at_unless_it_is_wanted() {
     let mut measured = measured();
     measured.model.mesh.volume = 340e-6;
