@@ -50,7 +50,7 @@ function askForRemakes(page, capture, count) {
     const headers = { "Content-Type": "application/json", "X-Scand-Token": token };
     const answers = [];
     for (let n = 0; n < count; n++) {
-      const body = JSON.stringify({ capture, settings: { "hull.resolution": 41 + n } });
+      const body = JSON.stringify({ capture, settings: { "hull.resolution": 40 + n / 100 } });
       const answer = await fetch("/api/remake", { method: "POST", headers, body });
       answers.push((await answer.json()).type);
     }
@@ -71,7 +71,7 @@ test("no more than ten remakes wait, and an eleventh is refused in words", async
   const told = page.locator(".remake .told");
   const asked = [];
   while (asked.length < 15 && !asked.at(-1)?.startsWith("Refused")) {
-    await page.getByLabel("Cells along the object").fill(String(60 + asked.length));
+    await page.getByLabel("Cells along the object").fill(String(41 + asked.length));
     const answered = page.waitForResponse("**/api/remake");
     await page.getByRole("button", { name: "Make it again", exact: true }).click();
     await answered;

