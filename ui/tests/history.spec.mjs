@@ -60,12 +60,19 @@ test("photographs stand beside the model, and one that is chosen is shown large"
   expect(rig.log("page").slice(logged)).not.toContain("cannot make its photographs");
 });
 
-test("the wheel scrolls the page over a model, and zooms with Ctrl or after a click; its buttons are seen with it", async ({ page, rig }) => {
+/** Makes a model and opens it, as one who may only look; the canvas that shows it. */
+async function openModel(page, rig) {
   await rig.prepare();
   await enter(page, rig, "viewer");
   const [recording, capture] = make(rig);
   await page.goto(`http://127.0.0.1:${rig.port}/#/history/${recording}/${capture}`);
   const canvas = page.locator("canvas[data-loaded]");
+  await expect(canvas).toBeVisible();
+  return canvas;
+}
+
+test("the wheel scrolls the page over a model, and zooms with Ctrl or after a click; its buttons are seen with it", async ({ page, rig }) => {
+  const canvas = await openModel(page, rig);
   await expect(canvas).toHaveAttribute("data-zoom", "1.00");
   await expect(page.locator(".photographs img")).toHaveCount(rig.options.cameras);
   const box = await canvas.boundingBox();
@@ -102,11 +109,7 @@ test("the wheel scrolls the page over a model, and zooms with Ctrl or after a cl
 });
 
 test("measuring shows that it is on, and says when a tap is beside the object", async ({ page, rig }) => {
-  await rig.prepare();
-  await enter(page, rig, "viewer");
-  const [recording, capture] = make(rig);
-  await page.goto(`http://127.0.0.1:${rig.port}/#/history/${recording}/${capture}`);
-  await expect(page.locator("canvas[data-loaded]")).toBeVisible();
+  await openModel(page, rig);
   const button = page.locator("[data-measure]");
   const told = page.locator(".viewer [role=status]");
   await button.scrollIntoViewIfNeeded();
@@ -136,12 +139,7 @@ test("measuring shows that it is on, and says when a tap is beside the object", 
 /** Opens a model and measures between two points of it, 80 pixels apart; the middle between them on the screen, and how
  * far they are apart in mm. */
 async function measureAcross(page, rig, tap) {
-  await rig.prepare();
-  await enter(page, rig, "viewer");
-  const [recording, capture] = make(rig);
-  await page.goto(`http://127.0.0.1:${rig.port}/#/history/${recording}/${capture}`);
-  const canvas = page.locator("canvas[data-loaded]");
-  await expect(canvas).toBeVisible();
+  const canvas = await openModel(page, rig);
   await expect(page.locator(".photographs img")).toHaveCount(rig.options.cameras);
   await page.locator("[data-measure]").click();
   const box = await canvas.boundingBox();
@@ -186,12 +184,7 @@ test("a measured point is dragged to another place of the model, which does not 
 });
 
 test("the keyboard alone measures, from the middle of the picture", async ({ page, rig }) => {
-  await rig.prepare();
-  await enter(page, rig, "viewer");
-  const [recording, capture] = make(rig);
-  await page.goto(`http://127.0.0.1:${rig.port}/#/history/${recording}/${capture}`);
-  const canvas = page.locator("canvas[data-loaded]");
-  await expect(canvas).toBeVisible();
+  const canvas = await openModel(page, rig);
   await expect(canvas).toHaveAccessibleName(/Enter takes the point in the middle of the picture/);
   const told = page.locator(".viewer [role=status]");
   await page.locator("[data-measure]").focus();
@@ -234,11 +227,7 @@ test.describe("with a finger", () => {
 });
 
 test("the scale of the expected errors leaves out the few largest ones, and says so", async ({ page, rig }) => {
-  await rig.prepare();
-  await enter(page, rig, "viewer");
-  const [recording, capture] = make(rig);
-  await page.goto(`http://127.0.0.1:${rig.port}/#/history/${recording}/${capture}`);
-  await expect(page.locator("canvas[data-loaded]")).toBeVisible();
+  await openModel(page, rig);
   await page.locator("[data-mode=error]").click();
   const shades = page.locator(".legend li");
   await expect(shades).toHaveCount(5);
