@@ -120,6 +120,11 @@ class ComparePart extends Part {
     this.isLarge = false;
   };
 
+  /** This is told after the closing: the dialog may be open again by then. */
+  private readonly closed = (event: Event) => {
+    if (!(event.target as HTMLDialogElement).open) this.close();
+  };
+
   private readonly choose = (event: Event) => {
     this.chosen = (event.target as HTMLSelectElement).value;
   };
@@ -218,7 +223,7 @@ class ComparePart extends Part {
       <button class="enlarge" aria-label=${t("apart_enlarge")} @click=${this.enlarge}>
         <img class="preview" src=${url} alt="" />
       </button>
-      <dialog class="whole" aria-label=${words} @close=${this.close}>
+      <dialog class="whole" aria-label=${words} @close=${this.closed}>
         <button @click=${this.close}>${t("close")}</button>
         <img src=${url} alt=${words} />
       </dialog>

@@ -77,6 +77,11 @@ class PhotographsPart extends Part {
     this.large = "";
   };
 
+  /** This is told after the closing: the dialog may be open again by then. */
+  private readonly closed = (event: Event) => {
+    if (!(event.target as HTMLDialogElement).open) this.close();
+  };
+
   render(): TemplateResult {
     return html`
       <h2>${t("pictures")}</h2>
@@ -84,7 +89,7 @@ class PhotographsPart extends Part {
       ${this.shown === null && !this.error ? html`<p role="status">${t("pictures_loading")}</p>` : nothing}
       ${this.shown?.length === 0 ? html`<p>${t("pictures_none")}</p>` : nothing}
       <ul class="photographs">${this.shown?.map((shown) => html`<li>${this.small(shown)}</li>`)}</ul>
-      <dialog aria-label=${t("picture_of", { camera: this.large, capture: this.capture })} @close=${this.close}>
+      <dialog aria-label=${t("picture_of", { camera: this.large, capture: this.capture })} @close=${this.closed}>
         ${this.large ? this.enlarged(this.large) : nothing}
       </dialog>
     `;

@@ -53,6 +53,17 @@ test("photographs stand beside the model, and one that is chosen is shown large"
   await shot(page, "photograph");
   await page.keyboard.press("Escape");
   await expect(large).toHaveCount(0);
+  // One that is opened right after another was closed stays open.
+  await page.evaluate(() => {
+    const [first, second] = document.querySelectorAll(".photographs button");
+    const dialog = document.querySelector("scand-photographs dialog");
+    first.click();
+    return new Promise((done) => setTimeout(() => (dialog.close(), second.click(), done()), 300));
+  });
+  await expect(page.getByRole("dialog")).toHaveCount(1);
+  await page.waitForTimeout(300);
+  await page.getByRole("button", { name: "Close" }).click();
+  await expect(page.getByRole("dialog")).toHaveCount(0);
   await small.first().focus();
   await page.keyboard.press("Enter");
   await page.getByRole("button", { name: "Close" }).click();
