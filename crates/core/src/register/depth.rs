@@ -112,8 +112,8 @@ fn within(depths: &Grid<f32>, reach: isize, x: usize, y: usize) -> impl Iterator
     near.copied().filter(|&d| d > 0.0)
 }
 
-/// The nearest reading around each pixel in metres; 0 means no reading there, or an edge. A steep side is not read, and a
-/// pixel of it beside the table would seem to look past the side at the table.
+/// The nearest reading around each pixel in metres; 0 means no reading there, or an edge. A steep side is not read,
+/// and a pixel of it beside the table would seem to look past the side at the table.
 fn nearest(depths: &Grid<f32>) -> Grid<f32> {
     Grid::from_fn(depths.width(), depths.height(), |x, y| {
         let ends = |[low, high]: [f32; 2], d: f32| [low.min(d), high.max(d)];

@@ -221,8 +221,8 @@ impl Evidence<'_> {
         }
     }
 
-    /// A place as one that an outline bounds, if one does. Where several confirm that the object is there, the way to it
-    /// is 0.
+    /// A place as one that an outline bounds, if one does. Where several confirm that the object is there, the way to
+    /// it is 0.
     fn known(&self, place: &Place) -> Option<Outlined> {
         let mut outlined = place.outlined()?;
         let confirming = self.confirming(place, CONFIRMED_PX).take(CONFIRMED);
