@@ -17,6 +17,11 @@ const SURFACE_POINTS: usize = 250;
 /// How far around the hull the field is known, as a share of the hull's radius.
 pub(super) const REACH: f64 = 0.08;
 
+/// Shadows at the foot of an object take a little of it away from outlines: beside its table so many metres …
+const DOUBT: f64 = 0.7e-3;
+/// … and ever less up to so many metres above it.
+const DOUBT_HEIGHT: f64 = 4e-3;
+
 /// A viewing ray through a contour point.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Ray {
@@ -147,6 +152,12 @@ impl Body {
     pub(super) fn chosen_rays(&self, stride: usize) -> impl Iterator<Item = &Ray> {
         self.rays.iter().step_by(stride)
     }
+}
+
+/// By how many metres outlines may be too narrow at a height above the table.
+#[inline]
+pub(super) fn doubt(height: f64) -> f64 {
+    DOUBT * (1.0 - height / DOUBT_HEIGHT).clamp(0.0, 1.0)
 }
 
 fn rays(outlines: &[Outline]) -> Vec<Ray> {

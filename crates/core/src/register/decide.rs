@@ -12,6 +12,7 @@ use super::scale;
 use super::search;
 use super::skin::Skin;
 use super::spots::{AgainstBoth, Spot};
+use super::sweep;
 use super::touch::Target;
 use super::{ColorAgreement, DepthWitness, OtherPose, PoseEvidence, Refusal, limits};
 use crate::calibration::Camera;
@@ -190,16 +191,21 @@ impl CapturePair<'_> {
 
     fn found(&self) -> Decision {
         let (a, b) = (&self.a.body, &self.b.body);
-        let refined = self.settled(self.refined());
+        let mut refined = self.settled(self.refined());
         let Some(best) = refined.first() else {
             let nowhere = align(a, b, Isometry3::identity(), Rays::FEW, None);
             return self.state(&nowhere, Err(Refusal::NoPose));
         };
-        let stated = self.state(best, Ok(PoseEvidence::Silhouettes));
+        let mut stated = self.state(best, Ok(PoseEvidence::Silhouettes));
+        if stated.verdict.is_err() {
+            let around = sweep::around(a, b, &refined[0]);
+            refined = self.settled(self.each_once([refined, around].concat()));
+            stated = self.state(&refined[0], Ok(PoseEvidence::Silhouettes));
+        }
         if stated.verdict.is_err() {
             return self.at_another_scale(stated);
         }
-        self.doubted_for_scale(self.chosen(stated, best, &refined))
+        self.doubted_for_scale(self.chosen(stated, &refined[0], &refined))
     }
 
     /// Chooses among the poses that the silhouettes bear, of which the best is `stated`.
@@ -269,13 +275,17 @@ impl CapturePair<'_> {
         let limit = (COSTLIER * first).max(first + 0.02 * a.radius);
         let near = found.iter().filter(|c| c.cost <= limit).take(MOST_REFINED);
         let near: Vec<_> = near.collect();
-        let mut refined: Vec<Aligned> = near
-            .par_iter()
-            .map(|c| align(a, b, c.pose, Rays::FEW, None))
-            .collect();
-        refined.sort_by(|x, y| x.disagreement.total_cmp(&y.disagreement));
+        let refined = near.par_iter();
+        let refined = refined.map(|c| align(a, b, c.pose, Rays::FEW, None));
+        self.each_once(refined.collect())
+    }
+
+    /// Poses that differ, the best first.
+    fn each_once(&self, mut poses: Vec<Aligned>) -> Vec<Aligned> {
+        let a = &self.a.body;
+        poses.sort_by(|x, y| x.disagreement.total_cmp(&y.disagreement));
         let mut kept: Vec<Aligned> = Vec::new();
-        for aligned in refined {
+        for aligned in poses {
             let same = |k: &Aligned| {
                 displacement(&k.pose, &aligned.pose, &a.surface) < limits::SAME * a.radius
             };

@@ -5,7 +5,8 @@
 //!
 //! - `contour` and `outline` find a silhouette's contour, and the distance to it without the lens' distortion;
 //! - `body` prepares a capture: its outlines, viewing rays and hull;
-//! - `search` tries all rotations on the hulls' distance grids; `align` refines the best by rays that must `touch`;
+//! - `search` tries all rotations on the hulls' distance grids; `align` refines the best by rays that must `touch`, and
+//!   `sweep` looks for those that the search missed;
 //! - `determination` finds the directions in which the silhouettes do not determine the pose;
 //! - `loose` asks colours where silhouettes hold a pose, but hold it loosely;
 //! - `skin` compares colours, which may be `alike` at every turn, and `depth` readings; `noise` measures how far a
@@ -35,6 +36,7 @@ mod scale;
 mod search;
 mod skin;
 mod spots;
+mod sweep;
 mod touch;
 mod unseen;
 mod witnesses;

@@ -1,6 +1,6 @@
 //! Tests the registration of bodies made of balls, whose outlines are known exactly, seen by a ring of small cameras.
 
-use super::body::Body;
+use super::body::{Body, doubt};
 use super::decide::{Decision, decide};
 use super::depth::{Depths, contradiction};
 use super::group::prepare;
@@ -801,8 +801,11 @@ fn the_steps_along_a_ray_miss_no_better_place() {
         // Every tenth of a millimetre, for all of the ray that may touch.
         let at = |i: i32| ray.eye + ray.direction * (0.2 + 1e-4 * f64::from(i));
         let inside = |p: Point3<f64>| {
-            let other = other.value(target.body_from_ray * p, f64::NEG_INFINITY);
-            other.min(p.z - own.floor)
+            let q = target.body_from_ray * p;
+            let height = q.z - other.floor;
+            let outlines = other.outlines.iter();
+            let cones = outlines.map(|o| o.value(o.in_camera(q)) + doubt(height));
+            cones.fold(height.min(p.z - own.floor), f64::min)
         };
         let most = (0..5000).map(|i| inside(at(i)));
         let missed = (most.fold(f64::NEG_INFINITY, f64::max) - found).max(0.0);
@@ -816,6 +819,12 @@ fn the_steps_along_a_ray_miss_no_better_place() {
         "{} {worst}",
         sum / count
     );
+}
+
+#[test]
+fn outlines_are_doubted_beside_the_table_and_not_above() {
+    assert!(doubt(0.0) > 0.0 && doubt(-0.001) == doubt(0.0));
+    assert!(doubt(0.002) < doubt(0.001) && doubt(0.004) == 0.0);
 }
 
 #[test]

@@ -1,8 +1,9 @@
 //! Computes whether a viewing ray through a contour point of one capture can touch the space that the cones and tables
 //! of other captures leave to the object: how deep any point of the ray lies within all of them at most. The ray
-//! touches the object, so it cannot miss that space.
+//! touches the object, so it cannot miss that space. Beside its table a cone is a little wider, for there shadows take
+//! something of the object away from outlines.
 
-use super::body::{Body, Ray};
+use super::body::{Body, Ray, doubt};
 use nalgebra::{Isometry3, Point3, Vector3};
 
 /// A body that a ray must touch, and where it is.
@@ -45,6 +46,9 @@ enum Condition {
         outline: usize,
         from: Vector3<f64>,
         step: Vector3<f64>,
+        /// Height above the target's table at the ray's origin, and what it gains a metre.
+        height: f64,
+        rise: f64,
     },
     /// Height above a table at the ray's origin, and what it gains a metre. The ray's own table is no target's.
     Table {
@@ -101,6 +105,8 @@ impl<'a> Probe<'a> {
                         outline,
                         from: o.in_camera(eye),
                         step: o.direction_in_camera(direction),
+                        height: eye.z - t.body.floor,
+                        rise: direction.z,
                     });
                 }
             }
@@ -154,7 +160,12 @@ impl<'a> Probe<'a> {
                 outline,
                 from,
                 step,
-            } => self.targets[target].body.outlines[outline].value(from + step * along),
+                height,
+                rise,
+            } => {
+                self.targets[target].body.outlines[outline].value(from + step * along)
+                    + doubt(height + rise * along)
+            }
             Condition::Table { height, rise, .. } => height + rise * along,
         }
     }
@@ -261,11 +272,14 @@ impl<'a> Probe<'a> {
             Condition::Cone {
                 target: 0, outline, ..
             } => {
-                let outline = &self.targets[0].body.outlines[outline];
+                let body = self.targets[0].body;
+                let outline = &body.outlines[outline];
                 Vector3::from_fn(|axis, _| {
                     let mut shift = Vector3::zeros();
                     shift[axis] = step;
-                    let at = |p: Point3<f64>| outline.value(outline.in_camera(p));
+                    let at = |p: Point3<f64>| {
+                        outline.value(outline.in_camera(p)) + doubt(p.z - body.floor)
+                    };
                     (at(p + shift) - at(p - shift)) / (2.0 * step)
                 })
             }
