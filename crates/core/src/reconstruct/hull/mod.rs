@@ -4,6 +4,7 @@
 
 mod carving;
 mod cone;
+mod creases;
 mod extremes;
 mod solid;
 mod viewing;
