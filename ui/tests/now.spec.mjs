@@ -81,21 +81,24 @@ async function noteSigns(page) {
   return () => page.evaluate(() => window.signs);
 }
 
-test("a press is followed by `Hold still`, `Hands may move` and `Safe on disk`, on a screen that only looks", async ({ page, rig }) => {
+test("a press is followed by `Hold still`, `Hands may move` and `Safe on disk`, none before its time, on a screen that only looks", async ({ page, rig }) => {
   await rig.prepare();
   await enter(page, rig, "viewer");
-  await sign(page, "ready", "green", "amber", "red", "failed");
   const signs = await noteSigns(page);
   const way = ["capturing: Hold still", "hands_may_move: Hands may move", "safe: Safe on disk"];
-  // A quick disk makes a capture durable before the next event is sent, a tenth of a second later: then another press
-  // shows it.
-  await expect(async () => {
+  let seen = [];
+  // A quick disk makes a capture durable before the next event is sent, a tenth of a second later: a sign may be left
+  // out then, but none comes before its time.
+  for (let press = 0; press < 10 && !seen.includes(way[0]); press++) {
+    await sign(page, "ready", "green", "amber", "red", "failed");
     const before = (await signs()).length;
     rig.scand("trigger", "--socket", "scand.sock", "--until", "durable");
-    const since = async () => (await signs()).slice(before);
-    await expect.poll(since, { timeout: 5_000 }).toContain(way[2]);
-    expect((await since()).slice(0, 3)).toEqual(way);
-  }).toPass({ timeout: 60_000 });
+    const since = async () => (await signs()).slice(before).filter((name) => way.includes(name));
+    await expect.poll(since).toContain(way[2]);
+    seen = await since();
+    expect(seen).toEqual(way.filter((name) => seen.includes(name)));
+  }
+  expect(seen).toContain(way[0]);
 });
 
 test("a daemon that is away, a capture that fails, a red model and a camera that is away are told", async ({ page, rig }) => {

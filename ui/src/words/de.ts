@@ -500,7 +500,7 @@ export const de: Words = {
   said_turn_all: "weder Form noch Farben noch Tiefe unterscheiden eine Drehung von der anderen",
   said_turn_no_depth: "weder Form noch Farben unterscheiden eine Drehung von der anderen, und Höhlungen wurden nicht verglichen, weil beide Aufnahmen zu wenig Tiefe haben",
   said_loose: "eine Drehung halten sie nur lose, und Farben entscheiden sie nicht: sehen Sie nach Stufen",
-  said_broke_off: "die Umrisse mehrerer Kameras weichen an einer Stelle etwas ab{place}: sehen Sie nach, ob dort ein Stück abgebrochen ist",
+  said_broke_off: "die Umrisse mehrerer Kameras weichen an einer Stelle etwas ab{place}: sehen Sie nach, ob dort ein Stück abgebrochen ist oder einem Umriss eines fehlt",
   said_other_colours: "die Form passt, die Farben nicht: sehen Sie nach, ob alle Aufnahmen dasselbe Objekt zeigen",
   said_larger: "die Silhouetten passen deutlich besser, wenn die Längen von denen in {capture} um {n} % abweichen: um so viel können sich die Kalibrierungen unterscheiden",
   said_unusable: "sie ist nicht zu gebrauchen: {reason}; nehmen Sie noch einmal auf",

@@ -498,7 +498,7 @@ export const en = {
   said_turn_all: "neither form nor colours nor depth tell one turn from another",
   said_turn_no_depth: "neither form nor colours tell one turn from another, and hollows were not compared, because depth read too little in both captures",
   said_loose: "they hold one turn loosely, and colours do not decide it: look for steps",
-  said_broke_off: "outlines of several cameras disagree a little at one place{place}: look whether a piece broke off there",
+  said_broke_off: "outlines of several cameras disagree a little at one place{place}: look whether a piece broke off there, or an outline lost one",
   said_other_colours: "its form agrees, but not its colours: look whether all captures show one object",
   said_larger: "silhouettes agree clearly better if its lengths differ from those of {capture} by {n} %: the calibrations may differ by that",
   said_unusable: "it cannot be used: {reason}; take this capture again",

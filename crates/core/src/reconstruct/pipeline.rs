@@ -212,6 +212,7 @@ pub fn reconstruct_from(
             plain: &extracted.surface.mesh,
             solid: &surface.faired.solid,
             contour_rms_px: surface.faired.facts.contour_rms_px,
+            touches: &surface.faired.touches,
         }),
         _ => None,
     };

@@ -29,7 +29,7 @@ pub(super) struct Depths(Vec<Depth>);
 #[derive(Clone, Debug)]
 struct Depth {
     camera: DepthCamera,
-    /// The nearest reading around each pixel in metres; 0 means no reading, or an edge.
+    /// The nearest reading around each pixel in metres; 0 means no reading there, or an edge.
     nearest: Grid<f32>,
     points: Vec<Point3<f64>>,
     tolerance: f64,
@@ -67,7 +67,9 @@ impl Depth {
             for x in 0..mean.width() {
                 let depth = mean[(x, y)];
                 let is_edge = around(x, y).any(|d| f64::from((d - depth).abs()) > EDGE);
-                if depth <= 0.0 || is_edge {
+                // Beside what is not read, as on a steep side, a reading may be mixed with that of another place.
+                let is_amid_readings = around(x, y).count() == 9;
+                if depth <= 0.0 || is_edge || !is_amid_readings {
                     continue;
                 }
                 let pixel = Point2::new(x as f64, y as f64);
@@ -110,14 +112,15 @@ fn within(depths: &Grid<f32>, reach: isize, x: usize, y: usize) -> impl Iterator
     near.copied().filter(|&d| d > 0.0)
 }
 
-/// The nearest reading around each pixel in metres; 0 means no reading, or an edge.
+/// The nearest reading around each pixel in metres; 0 means no reading there, or an edge. A steep side is not read,
+/// and a pixel of it beside the table would seem to look past the side at the table.
 fn nearest(depths: &Grid<f32>) -> Grid<f32> {
     Grid::from_fn(depths.width(), depths.height(), |x, y| {
         let ends = |[low, high]: [f32; 2], d: f32| [low.min(d), high.max(d)];
         let [low, high] = within(depths, 2, x, y).fold([f32::INFINITY, 0.0], ends);
         let least = within(depths, 1, x, y).fold(f32::INFINITY, f32::min);
         let is_edge = f64::from(high - low) > EDGE_AROUND;
-        if least.is_finite() && !is_edge {
+        if depths[(x, y)] > 0.0 && !is_edge {
             least
         } else {
             0.0
@@ -189,5 +192,19 @@ mod tests {
         assert_eq!(nearest(&slope)[(6, 2)], slope[(5, 2)]);
         let nothing = Grid::filled(12, 5, 0.0);
         assert_eq!(nearest(&nothing)[(6, 2)], 0.0);
+    }
+
+    #[test]
+    fn a_steep_side_that_is_not_read_is_not_taken_for_the_table_beside_it() {
+        // An object's top, its side, of which nothing is read, and the table.
+        let picture = Grid::from_fn(14, 5, |x, _| match x {
+            0..5 => 0.7,
+            5..9 => 0.0,
+            _ => 0.75,
+        });
+        let row: Vec<f32> = nearest(&picture).row(2).to_vec();
+        assert_eq!(row[..5], [0.7; 5]);
+        assert_eq!(row[5..9], [0.0; 4]);
+        assert_eq!(row[9..], [0.75; 5]);
     }
 }

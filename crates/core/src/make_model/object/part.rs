@@ -344,7 +344,8 @@ impl Told<'_> {
         });
         let changed = found.may_have_changed.then(|| {
             format!(
-                "outlines of several cameras disagree a little at one place{}: look whether a piece broke off there",
+                "outlines of several cameras disagree a little at one place{}: look whether a piece broke off \
+                 there, or an outline lost one",
                 self.place_of_stretch(found)
             )
         });

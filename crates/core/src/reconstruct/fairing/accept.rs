@@ -20,6 +20,8 @@ const TOUCHING_PX: f64 = 0.5;
 const PATCH: usize = 5;
 /// Rings around what is kept on which the surface passes over into the hull.
 const PASSAGE: usize = 6;
+/// An outline of the surface lies on a contour if it is at most this many pixels from it.
+const LYING_PX: f64 = 1.0;
 /// Share of a part's thickness that it may lose on one side.
 const THICKNESS: f64 = 1.0 / 3.0;
 /// Share of the surface that has to stay the hull from which on all of it does.
@@ -34,13 +36,14 @@ struct Piece {
 }
 
 /// Decides for each place between the faired positions of `shape` and the hull's, `before`, and measures; refuses where
-/// most of it has to stay the hull. A pixel of `contours` is `times` pixels of the pictures.
+/// most of it has to stay the hull. A pixel of `contours` is `times` pixels of the pictures. Also returns the vertices
+/// at which an outline of the faired surface lies on a contour, in ascending order.
 pub(super) fn keep_hull(
     shape: &mut Shape,
     before: &[Point3<f64>],
     contours: &[Contour],
     times: f64,
-) -> Result<Facts, Refusal> {
+) -> Result<(Facts, Vec<u32>), Refusal> {
     let of_contour = |c: &Contour| pieces(shape, before, c);
     let of_contours: Vec<Vec<Piece>> = contours.par_iter().map(of_contour).collect();
     let pieces: Vec<Piece> = of_contours.into_iter().flatten().collect();
@@ -61,14 +64,24 @@ pub(super) fn keep_hull(
     }
     return_to_hull(shape, before, keep);
     let (rms, p99) = statistics(&pieces);
-    Ok(Facts {
+    let facts = Facts {
         contour_rms_px: times * rms,
         contour_p99_px: times * p99,
         kept,
         held_by_depth_area: None,
         moved_area: moved_area(shape, before, &areas),
         area,
-    })
+    };
+    Ok((facts, touching(&pieces)))
+}
+
+/// The vertices at which an outline of the faired surface lies on a contour, in ascending order.
+fn touching(pieces: &[Piece]) -> Vec<u32> {
+    let lying = pieces.iter().filter(|piece| piece.faired < LYING_PX);
+    let mut vertices: Vec<u32> = lying.map(|piece| piece.vertices[0]).collect();
+    vertices.sort_unstable();
+    vertices.dedup();
+    vertices
 }
 
 /// Moves each vertex back until it has gone as much of its way to the hull, `before`, as `keep` says, 0 (faired) to 1

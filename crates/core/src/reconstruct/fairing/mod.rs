@@ -83,6 +83,8 @@ pub struct Faired {
     pub solid: FairedSolid,
     /// How it came out.
     pub facts: Facts,
+    /// Where it is known best: points of its surface at which an outline of it lies on a contour.
+    pub touches: Vec<Point3<f64>>,
     /// The mesh that the solid's surface runs through.
     shape: Shape,
     /// Where the mesh's vertices were on the hull.
@@ -209,11 +211,14 @@ pub fn fair_hull(
     };
     let (mut shape, start) = inputs.fair(shapes).ok_or(Refusal::TooThin)?;
     shape.update_normals();
-    let facts = accept::keep_hull(&mut shape, &start, &contours, times as f64)?;
+    let (facts, touching) = accept::keep_hull(&mut shape, &start, &contours, times as f64)?;
+    let touches = touching.iter().map(|&v| shape.positions[v as usize]);
+    let touches = touches.collect();
     let solid = FairedSolid::new(&shape, sides, *lattice, hull.bounds().clone());
     Ok(Faired {
         solid,
         facts,
+        touches,
         shape,
         start,
     })

@@ -15,8 +15,8 @@ pub(super) struct Outlined {
     pub point: Point3<f64>,
     /// How deep beneath the hull the surface is expected, in metres.
     pub of_hull: f64,
-    /// How far the object is at most, in metres.
-    pub way_to_object: f64,
+    /// How far the object is at most, in metres; `None` where nothing tells.
+    pub way_to_object: Option<f64>,
 }
 
 /// The place of `known` that is nearest to a point, and how far away it is in metres.
@@ -29,7 +29,7 @@ pub(super) fn nearest(p: Point3<f64>, known: &[Outlined]) -> Option<(Outlined, f
 pub(super) fn way_to_object(p: Point3<f64>, known: &[Outlined]) -> f64 {
     let ways = known
         .iter()
-        .map(|place| (place.point - p).norm() + place.way_to_object);
+        .filter_map(|place| Some((place.point - p).norm() + place.way_to_object?));
     ways.fold(f64::INFINITY, f64::min)
 }
 

@@ -13,10 +13,9 @@ pub fn may_be_lid(p: Point3<f64>, normal: Vector3<f32>, readings: &[Readings]) -
     normal.z > UP && beneath(p, normal, readings).is_none()
 }
 
-/// The way along a viewing edge to the nearest end at which the object has an edge, for there it is. Zero where it has
-/// none: the object is round there, and touches the viewing edge on its way.
-pub(super) fn way_to_object(edge: &ViewingEdge) -> f64 {
+/// The way along a viewing edge to the nearest end at which the object has an edge, for there it is; `None` where it
+/// has none. The object touches the viewing edge somewhere then, but over a hollow that may be as far as its rim.
+pub(super) fn way_to_object(edge: &ViewingEdge) -> Option<f64> {
     let certain = edge.ends.iter().filter(|end| end.is_certain);
-    let nearest = certain.map(|end| end.distance).reduce(f64::min);
-    nearest.unwrap_or(0.0)
+    certain.map(|end| end.distance).reduce(f64::min)
 }

@@ -45,6 +45,16 @@ pub struct FairedHull<'a> {
     pub solid: &'a FairedSolid,
     /// Root mean square distance of the contours to its outlines, in pixels.
     pub contour_rms_px: f64,
+    /// Points of its surface at which an outline lies on a contour.
+    pub touches: &'a [Point3<f64>],
+}
+
+impl FairedHull<'_> {
+    /// How far a point is from the nearest one at which an outline lies on a contour, in metres; 0 where there is none.
+    fn way_to_touch(&self, p: Point3<f64>) -> f64 {
+        let squares = self.touches.iter().map(|touch| (touch - p).norm_squared());
+        squares.reduce(f64::min).unwrap_or(0.0).sqrt()
+    }
 }
 
 /// What fairing is expected to be off, in shares of what it did; `design/surface.md` tells what they were chosen on.
@@ -64,7 +74,18 @@ mod share {
     /// by which more is expected where contours are farther off: at edges that fairing rounded.
     pub(super) const USUAL_RMS_PX: f64 = 0.12;
     pub(super) const POWER_OF_RMS: f64 = 0.77;
+    /// Height of a unit normal below which a place faces down: cameras look down at the object, and below what stands
+    /// out the hull is filled.
+    pub(super) const DOWN: f32 = -0.3;
+    /// Power of the share of the hull's expected depth that fairing left, below such places.
+    pub(super) const POWER_OF_LEFT: i32 = 3;
 }
+
+/// An outline confirms that the object is at a place if it is this near in pixels and its cone's normal at most 25
+/// degrees (given as a cosine) from the surface's; so many of them make it sure.
+const CONFIRMED_PX: f64 = 1.5;
+const ALONG: f64 = 0.9;
+const CONFIRMED: usize = 3;
 
 /// Shares of what is expected of a faired place that is not flat.
 struct Shares {
@@ -76,6 +97,10 @@ struct Shares {
     of_kept: f64,
     /// Of a contour's error.
     of_contour: f64,
+    /// Of the way to the nearest place at which an outline lies on a contour.
+    of_way: f64,
+    /// Of what fairing left below a place that faces down, if it moved it by little.
+    of_left_below: f64,
 }
 
 /// What a place bears before a reading of depth carves it.
@@ -84,14 +109,18 @@ const BORNE: Shares = Shares {
     of_left: 0.42,
     of_kept: 0.6,
     of_contour: 1.0,
+    of_way: 0.0,
+    of_left_below: 0.0,
 };
 
 /// What a model states of a place that no outline confirms, if contours fit as usual.
 const STATED: Shares = Shares {
-    of_moved: 1.05,
-    of_left: 0.25,
-    of_kept: 0.5,
+    of_moved: 0.4,
+    of_left: 0.1,
+    of_kept: 0.6,
     of_contour: 0.5,
+    of_way: 0.12,
+    of_left_below: 1.2,
 };
 
 /// What the stated errors follow from.
@@ -123,7 +152,8 @@ pub fn state_errors(model: &mut Model, evidence: &Evidence) {
     };
     let each: Vec<&[u32]> = patches.indices().collect();
     let places: Vec<Place> = each.into_par_iter().map(of_patch).collect();
-    let known: Vec<Outlined> = places.iter().filter_map(Place::outlined).collect();
+    let known: Vec<Option<Outlined>> = places.par_iter().map(|p| evidence.known(p)).collect();
+    let known: Vec<Outlined> = known.into_iter().flatten().collect();
     let found: Vec<Stated> = places
         .par_iter()
         .map(|place| evidence.stated(place, &known))
@@ -191,6 +221,26 @@ impl Evidence<'_> {
         }
     }
 
+    /// A place as one that an outline bounds, if one does. Where several confirm that the object is there, the way to
+    /// it is 0.
+    fn known(&self, place: &Place) -> Option<Outlined> {
+        let mut outlined = place.outlined()?;
+        let confirming = self.confirming(place, CONFIRMED_PX).take(CONFIRMED);
+        if confirming.count() == CONFIRMED {
+            outlined.way_to_object = Some(0.0);
+        }
+        Some(outlined)
+    }
+
+    /// The outlines within so many pixels of a place that run along the surface there: others belong to what stands in
+    /// front of it or behind.
+    fn confirming(&self, place: &Place, radius_px: f64) -> impl Iterator<Item = usize> + '_ {
+        let normal = place.normal.cast::<f64>();
+        let outlines = self.hull.outlines_near(place.point, radius_px);
+        let along = outlines.filter(move |(_, outwards)| outwards.dot(&normal) > ALONG);
+        along.map(|(camera, _)| camera)
+    }
+
     /// What is expected at a place: of the outside, half of how far the object is at most where a hollow may hide or
     /// the volume cuts the object, and half the way to where a depth camera read it. `known` are the places that
     /// outlines bound.
@@ -203,18 +253,16 @@ impl Evidence<'_> {
         let of_hull = outlined.map_or(place.of_contour, |outlined| outlined.of_hull);
         let of_outside = self.of_outside(place, of_hull, &self.stated_shares(place));
         let may_be_lid = hollow::may_be_lid(point, normal, &self.readings);
-        let hidden = match own {
-            Some(own) if may_be_lid => own.way_to_object,
-            None if is_guess || may_be_lid => {
-                let inwards = -normal.cast::<f64>();
-                let reach = self.hull.reach(place.on_hull, inwards, self.cell_size);
-                if is_guess {
-                    reach
-                } else {
-                    reach.min(cut::way_to_object(place.on_hull, known))
-                }
+        let hidden = if is_guess || may_be_lid {
+            let inwards = -normal.cast::<f64>();
+            let reach = self.hull.reach(place.on_hull, inwards, self.cell_size);
+            if is_guess {
+                reach
+            } else {
+                reach.min(cut::way_to_object(place.on_hull, known))
             }
-            _ => 0.0,
+        } else {
+            0.0
         };
         let beneath = beneath(point, normal, &self.readings).unwrap_or(0.0);
         Stated {
@@ -226,14 +274,7 @@ impl Evidence<'_> {
     /// What is expected of the outside at a place where `of_hull` metres are expected of the plain hull.
     fn of_outside(&self, place: &Place, of_hull: f64, shares: &Shares) -> f64 {
         match (&self.faired, place.moved) {
-            (Some(faired), Some(moved)) => of_faired(
-                faired.solid,
-                place.point,
-                of_hull,
-                moved,
-                place.of_contour,
-                shares,
-            ),
+            (Some(faired), Some(moved)) => of_faired(faired, place, of_hull, moved, shares),
             _ => of_hull,
         }
     }
@@ -244,13 +285,19 @@ impl Evidence<'_> {
         let rms_px = self
             .faired
             .map_or(share::USUAL_RMS_PX, |f| f.contour_rms_px);
-        let outlines = self.hull.outlines_near(place.point, share::CONFIRMING_PX);
+        let outlines = self.confirming(place, share::CONFIRMING_PX);
         let outlines = outlines.take(share::MOST_OUTLINES).count() as f64;
         let fit = (rms_px / share::USUAL_RMS_PX).powf(share::POWER_OF_RMS);
         let times = fit / (1.0 + share::OF_OUTLINE * outlines);
         Shares {
             of_moved: times * STATED.of_moved,
             of_left: times * STATED.of_left,
+            of_way: times * STATED.of_way,
+            of_left_below: if place.normal.z < share::DOWN {
+                STATED.of_left_below
+            } else {
+                0.0
+            },
             ..STATED
         }
     }
@@ -271,22 +318,29 @@ impl Evidence<'_> {
 
 /// The expected error in metres at a point of a faired hull, which moved by `moved` from where `of_hull` is expected:
 /// on a flat side a share of that of the contours, where the hull was kept a share of its own, and elsewhere of how
-/// far the surface was moved and of what is left of the hull's own.
-fn of_faired(
-    solid: &FairedSolid,
-    p: Point3<f64>,
-    of_hull: f64,
-    moved: f64,
-    of_contour: f64,
-    shares: &Shares,
-) -> f64 {
+/// far the surface was moved, of what is left of the hull's own, and of how far away the nearest touch is.
+fn of_faired(faired: &FairedHull, place: &Place, of_hull: f64, moved: f64, shares: &Shares) -> f64 {
+    let (solid, p, of_contour) = (faired.solid, place.point, place.of_contour);
     if solid.is_on_side(p) {
         return share::OF_CONTOUR * of_contour;
     }
     let much = share::MOVED_PX / CONTOUR_PX * of_contour;
     let left = (of_hull - moved).max(0.0);
+    // A hollow below what stands out is filled so smoothly that fairing hardly moves it; what is round moves far.
+    let of_below = if shares.of_left_below > 0.0 && left > 0.0 {
+        shares.of_left_below * left * (left / of_hull).powi(share::POWER_OF_LEFT)
+    } else {
+        0.0
+    };
+    let of_way = if shares.of_way > 0.0 {
+        shares.of_way * faired.way_to_touch(p)
+    } else {
+        0.0
+    };
     let of_moved = (shares.of_moved * moved / (1.0 + moved / much))
         .hypot(shares.of_left * left)
+        .hypot(of_way)
+        .hypot(of_below)
         .hypot(shares.of_contour * of_contour);
     let of_kept = (shares.of_kept * of_hull).hypot(of_contour);
     let kept = solid.kept(p);
