@@ -2,6 +2,7 @@
 
 use super::creases::Creases;
 use super::extremes::Extremes;
+use super::steps::{Steps, depth_of_stepped};
 use crate::calibration::DepthCamera;
 use crate::image::{Grid, PixelRect};
 use crate::reconstruct::surface::{Constraint, Side, Solid, UndecidedConstraints};
@@ -20,26 +21,28 @@ pub struct Carving<'a> {
     depth: Grid<f32>,
     extremes: Extremes<f32>,
     creases: Creases,
+    steps: Steps,
     /// Turns metres before the surface into the units of a silhouette.
     values_per_metre: f64,
 }
 
 impl<'a> Carving<'a> {
     /// From the depth, in metres, before which space is empty; 0 for pixels that carve nothing. Between
-    /// pixels depth is bilinear, but for creases. `cell_size` is that of the lattice it will be extracted on.
+    /// pixels depth is bilinear, but for creases and steps. `cell_size` is that of the lattice it will be extracted on.
     pub fn new(camera: &'a DepthCamera, depth: Grid<f32>, cell_size: f64) -> Self {
         let pixel = (1.0 / camera.camera.intrinsics.focal_px.min()) as f32;
         Self {
             camera,
             extremes: Extremes::new(&depth),
             creases: Creases::new(&depth, pixel),
+            steps: Steps::new(&depth, pixel),
             depth,
             values_per_metre: 127.5 / cell_size,
         }
     }
 
     /// What reaches wherever two carvings of one camera may differ: all of the rays on which they do, and those beside
-    /// them, where creases depend on them.
+    /// them, where creases and steps depend on them.
     pub fn changed((a, b): (&Self, &Self)) -> Self {
         let differ = |x, y| a.depth[(x, y)] != b.depth[(x, y)];
         let (width, height) = (a.depth.width(), a.depth.height());
@@ -61,6 +64,7 @@ impl<'a> Carving<'a> {
         Self {
             extremes: Extremes::new(&depth),
             creases: Creases::new(&depth, f32::INFINITY),
+            steps: Steps::new(&depth, f32::INFINITY),
             depth,
             ..*a
         }
@@ -88,6 +92,9 @@ impl<'a> Carving<'a> {
         ];
         if around.iter().any(|(d, _)| *d == 0.0) {
             return None;
+        }
+        if self.steps.is_stepped(x, y) {
+            return Some(depth_of_stepped(around));
         }
         if self.creases.is_creased(x, y) {
             let depth = self

@@ -1,6 +1,7 @@
-//! Depth between the pixels of a depth picture. Where the surface has a crease between two pixels, as between a rim and
-//! the wall below it, a straight line from one to the other would cut it off: the more, the steeper the wall is in the
-//! picture. There each side goes on straight to where both meet.
+//! Depth between the pixels of a depth picture. Where the surface has a convex crease between two pixels, as between a
+//! rim and the wall below it, a straight line from one to the other would cut it off: the more, the steeper the wall is
+//! in the picture. There each side goes on straight to where both meet. At a concave crease, as at the foot of a wall,
+//! it would dig into what is mostly rounded.
 
 use crate::image::Grid;
 
@@ -74,7 +75,7 @@ impl Creases {
 }
 
 /// The four pixels in a row or column of which the second is (x, y).
-fn line(depth: &Grid<f32>, x: usize, y: usize, in_row: bool) -> [f32; 4] {
+pub(super) fn line(depth: &Grid<f32>, x: usize, y: usize, in_row: bool) -> [f32; 4] {
     [-1, 0, 1, 2].map(|step| {
         let (dx, dy) = if in_row { (step, 0) } else { (0, step) };
         let pixel = depth.get(x as isize + dx, y as isize + dy);
@@ -89,15 +90,16 @@ struct Crease {
     slopes: [f32; 2],
 }
 
-/// The crease between the two in the middle of four neighbours, if the line between them turns the same way at both.
+/// The crease between the two in the middle of four neighbours, if it is convex and neither side goes on beyond the
+/// other.
 /// Where nothing is known beyond one of them, the surface is taken to be level there.
 fn crease([before, a, b, after]: [f32; 4], least_turn: LeastTurn) -> Option<Crease> {
     let first = if before > 0.0 { a - before } else { 0.0 };
     let second = if after > 0.0 { after - b } else { 0.0 };
     let rise = b - a;
-    let same_way = (first <= rise && rise <= second) || (first >= rise && rise >= second);
-    let turns = (second - first).abs() >= least_turn.0 * a.min(b);
-    (same_way && turns).then_some(Crease {
+    let is_convex = first <= rise && rise <= second;
+    let turns = second - first >= least_turn.0 * a.min(b);
+    (is_convex && turns).then_some(Crease {
         depths: [a, b],
         slopes: [first, second],
     })
@@ -108,12 +110,7 @@ impl Crease {
         let [a, b] = self.depths;
         let [first, second] = self.slopes;
         let (from_a, from_b) = (a + first * share, b - second * (1.0 - share));
-        let met = if first < second {
-            from_a.max(from_b)
-        } else {
-            from_a.min(from_b)
-        };
-        met.clamp(a.min(b), a.max(b))
+        from_a.max(from_b).clamp(a.min(b), a.max(b))
     }
 }
 
@@ -152,11 +149,13 @@ mod tests {
     }
 
     #[test]
-    fn a_gentle_bend_and_a_step_have_no_crease() {
+    fn a_gentle_bend_a_step_and_a_foot_have_no_crease() {
         let step = Grid::from_fn(12, 12, |x, _| if x < 6 { 0.8 } else { 0.85 });
-        for depth in [rim(5.5, 0.001), step] {
+        let foot = rim(5.5, -0.01);
+        for depth in [rim(5.5, 0.001), step, foot] {
             let creases = Creases::new(&depth, PIXEL);
-            assert!((0..11).all(|x| !creases.is_creased(x, 5)));
+            // Beyond the picture it is taken to be level.
+            assert!((1..9).all(|x| !creases.is_creased(x, 5)));
         }
     }
 

@@ -7,6 +7,7 @@ mod cone;
 mod creases;
 mod extremes;
 mod solid;
+mod steps;
 mod viewing;
 
 pub use carving::{Carved, Carving, carving_of};
