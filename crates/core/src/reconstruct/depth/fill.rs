@@ -2,18 +2,13 @@
 //! across it, or an edge that hides what is behind it, and then each of its pixels belongs to one side. The far
 //! side distinguishes the two: if it rises towards the near side, it is the foot of a wall.
 
-use super::{Parameters, straight};
+use super::{Parameters, across};
 use crate::image::Grid;
 
 /// Radius in pixels in which a hole's surroundings are looked at.
 const REACH: isize = 6;
 /// Pixels of the far side that its slope is measured on.
 const FOOT: usize = 12;
-/// Sweeps of relaxation over the holes that depth runs across.
-const SWEEPS: usize = 60;
-/// Over-relaxation: the usual value for holes of some ten pixels.
-const OVER: f32 = 1.7;
-
 /// What a hole is filled with.
 struct Holes<'a> {
     depth: &'a Grid<f32>,
@@ -62,7 +57,7 @@ pub(super) fn fill(
             }
         }
     }
-    run_across(&mut out, &open, parameters.least_step_mm * 1e-3);
+    across::run_across(&mut out, &open, pixel, parameters.least_step_mm * 1e-3);
     out
 }
 
@@ -222,68 +217,6 @@ impl Plane {
         let way = (pixel.0 - self.center.0).hypot(pixel.1 - self.center.1);
         (self.depth - self.depth_at(pixel)) / way.max(1e-3)
     }
-}
-
-/// Lets depth run across the `open` pixels: the harmonic function bounded by what is around them, started
-/// from the outside in, then relaxed. Linear depth is reproduced. (A plane in space is linear in inverse
-/// depth; but walls are rounded at their foot, and there depth itself is nearer to the truth.) Across wide holes it
-/// is made straight.
-fn run_across(depth: &mut Grid<f32>, open: &[(usize, usize)], step: f32) {
-    let measured = depth.clone();
-    let mut waiting: Vec<_> = open.to_vec();
-    while !waiting.is_empty() {
-        let reached: Vec<_> = waiting
-            .iter()
-            .filter_map(|&p| around_mean(&measured, depth, p, step).map(|z| (p, z)))
-            .collect();
-        if reached.is_empty() {
-            break;
-        }
-        for (p, z) in reached {
-            depth[p] = z;
-        }
-        waiting.retain(|&p| depth[p] <= 0.0);
-    }
-    for _ in 0..SWEEPS {
-        for &p in open {
-            if let Some(mean) = around_mean(&measured, depth, p, step) {
-                depth[p] += OVER * (mean - depth[p]);
-            }
-        }
-    }
-    straight::straighten(&measured, depth, open, step);
-}
-
-/// Weighted mean of the up to four neighbours that have depth. A measured surface reaches to its pixel's
-/// border, half as far away as the next pixel of the hole: without that a wall between a floor and a rim
-/// would start half a pixel before the floor's end.
-fn around_mean(
-    measured: &Grid<f32>,
-    depth: &Grid<f32>,
-    (x, y): (usize, usize),
-    step: f32,
-) -> Option<f32> {
-    let (mut sum, mut count) = (0.0, 0.0);
-    for (dx, dy) in [(-1, 0), (1, 0), (0, -1), (0, 1)] {
-        let at = |grid: &Grid<f32>, steps: isize| {
-            let beside = grid.get(x as isize + steps * dx, y as isize + steps * dy);
-            beside.copied().filter(|&z| z > 0.0)
-        };
-        if let (Some(near), Some(far)) = (at(measured, 1), at(measured, 2)) {
-            // Beyond a step it is another surface, which tells nothing of this one's slope.
-            let rise = if (near - far).abs() < step {
-                near - far
-            } else {
-                0.0
-            };
-            sum += 2.0 * (near + 0.5 * rise);
-            count += 2.0;
-        } else if let Some(z) = at(depth, 1) {
-            sum += z;
-            count += 1.0;
-        }
-    }
-    (count > 0.0).then(|| sum / count)
 }
 
 #[cfg(test)]

@@ -2,6 +2,7 @@
 //! filled and its expected error. This file has the order of the steps, their parameters and their result. It knows
 //! nothing of hulls, only which pixels the object can cover.
 
+mod across;
 mod burst;
 mod fill;
 mod guide;

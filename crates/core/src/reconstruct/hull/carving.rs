@@ -1,8 +1,10 @@
 //! A solid carved by depth: the space in front of a depth camera's surface is empty, on rays that may carve.
 
+use super::creases::Creases;
 use super::extremes::Extremes;
+use super::steps::{Steps, depth_of_stepped};
 use crate::calibration::DepthCamera;
-use crate::image::Grid;
+use crate::image::{Grid, PixelRect};
 use crate::reconstruct::surface::{Constraint, Side, Solid, UndecidedConstraints};
 use nalgebra::{Point2, Point3, Vector3};
 
@@ -18,30 +20,51 @@ pub struct Carving<'a> {
     /// For each pixel the depth before which space is empty; 0 where the ray carves nothing.
     depth: Grid<f32>,
     extremes: Extremes<f32>,
+    creases: Creases,
+    steps: Steps,
     /// Turns metres before the surface into the units of a silhouette.
     values_per_metre: f64,
 }
 
 impl<'a> Carving<'a> {
     /// From the depth, in metres, before which space is empty; 0 for pixels that carve nothing. Between
-    /// pixels depth is bilinear. `cell_size` is that of the lattice it will be extracted on.
+    /// pixels depth is bilinear, but for creases and steps. `cell_size` is that of the lattice it will be extracted on.
     pub fn new(camera: &'a DepthCamera, depth: Grid<f32>, cell_size: f64) -> Self {
-        let extremes = Extremes::new(&depth);
+        let pixel = (1.0 / camera.camera.intrinsics.focal_px.min()) as f32;
         Self {
             camera,
+            extremes: Extremes::new(&depth),
+            creases: Creases::new(&depth, pixel),
+            steps: Steps::new(&depth, pixel),
             depth,
-            extremes,
             values_per_metre: 127.5 / cell_size,
         }
     }
 
-    /// What reaches wherever two carvings of one camera may differ: all of the rays on which they do.
+    /// What reaches wherever two carvings of one camera may differ: all of the rays on which they do, and those beside
+    /// them, where creases and steps depend on them.
     pub fn changed((a, b): (&Self, &Self)) -> Self {
         let differ = |x, y| a.depth[(x, y)] != b.depth[(x, y)];
-        let all_of_it = |x, y| if differ(x, y) { f32::MAX } else { 0.0 };
-        let depth = Grid::from_fn(a.depth.width(), a.depth.height(), all_of_it);
+        let (width, height) = (a.depth.width(), a.depth.height());
+        let mut depth = Grid::filled(width, height, 0.0);
+        for y in 0..height {
+            for x in (0..width).filter(|&x| differ(x, y)) {
+                let part = PixelRect {
+                    x0: x,
+                    y0: y,
+                    x1: x + 1,
+                    y1: y + 1,
+                }
+                .grown(1, width, height);
+                for y in part.y0..part.y1 {
+                    depth.row_mut(y)[part.x0..part.x1].fill(f32::MAX);
+                }
+            }
+        }
         Self {
             extremes: Extremes::new(&depth),
+            creases: Creases::new(&depth, f32::INFINITY),
+            steps: Steps::new(&depth, f32::INFINITY),
             depth,
             ..*a
         }
@@ -52,7 +75,7 @@ impl<'a> Carving<'a> {
         self.camera
     }
 
-    /// Bilinear depth of the carving surface; `None` where a pixel around carves nothing.
+    /// Depth of the carving surface; `None` where a pixel around carves nothing.
     pub fn depth_at(&self, pixel: Point2<f64>) -> Option<f64> {
         let (x, y) = (pixel.x.floor(), pixel.y.floor());
         let (width, height) = (self.depth.width() as f64, self.depth.height() as f64);
@@ -69,6 +92,15 @@ impl<'a> Carving<'a> {
         ];
         if around.iter().any(|(d, _)| *d == 0.0) {
             return None;
+        }
+        if self.steps.is_stepped(x, y) {
+            return Some(depth_of_stepped(around));
+        }
+        if self.creases.is_creased(x, y) {
+            let depth = self
+                .creases
+                .depth_at(&self.depth, (x, y), [fx as f32, fy as f32]);
+            return Some(f64::from(depth));
         }
         Some(
             around

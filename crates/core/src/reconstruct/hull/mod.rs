@@ -4,8 +4,10 @@
 
 mod carving;
 mod cone;
+mod creases;
 mod extremes;
 mod solid;
+mod steps;
 mod viewing;
 
 pub use carving::{Carved, Carving, carving_of};
