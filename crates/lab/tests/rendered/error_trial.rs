@@ -34,8 +34,8 @@ impl Run {
         self
     }
 
-    /// What the model states and what is, by provenance.
-    fn expected(&self) -> Vec<(Provenance, Expected)> {
+    /// What the model states and what is, of the whole and by provenance.
+    fn expected(&self) -> (Expected, Vec<(Provenance, Expected)>) {
         let simulation = Simulation::new(self.options.clone()).unwrap();
         let mut parameters = reconstruct::Parameters::default();
         parameters.hull.resolution = self.resolution;
@@ -54,9 +54,8 @@ impl Run {
         };
         let found = evaluate(&model, simulation.truth(), &parameters).unwrap();
         let parts = found.by_provenance.into_iter();
-        parts
-            .filter_map(|part| Some((part.provenance, part.figures.expected?)))
-            .collect()
+        let parts = parts.filter_map(|part| Some((part.provenance, part.figures.expected?)));
+        (found.whole.expected.unwrap(), parts.collect())
     }
 }
 
@@ -113,6 +112,19 @@ impl Pool {
     }
 }
 
+fn line_of(expected: &Expected) -> String {
+    format!(
+        "{} samples, stated {:.3}, actual {:.3}, within {:.2}, beyond {:.3}, rank {:.2}, spread {:.1}",
+        expected.samples,
+        expected.expected_mean_mm,
+        expected.actual_mean_mm,
+        expected.within_share,
+        expected.beyond_thrice_share,
+        expected.rank_correlation.unwrap_or(f64::NAN),
+        expected.actual_spread.unwrap_or(f64::NAN)
+    )
+}
+
 /// Runs all, prints each, and pools them by provenance.
 fn pooled(runs: &[Run]) -> Vec<(Provenance, Pool)> {
     let mut pools: Vec<(Provenance, Pool)> = Provenance::ALL
@@ -126,18 +138,11 @@ fn pooled(runs: &[Run]) -> Vec<(Provenance, Pool)> {
             depth_cameras,
             ..
         } = run.options;
-        for (provenance, expected) in run.expected() {
-            println!(
-                "shown: {shape:?}, seed {seed}, {cameras} + {depth_cameras} cameras, {provenance:?}: {} samples, stated {:.3}, \
-                actual {:.3}, within {:.2}, beyond {:.3}, rank {:.2}, spread {:.1}",
-                expected.samples,
-                expected.expected_mean_mm,
-                expected.actual_mean_mm,
-                expected.within_share,
-                expected.beyond_thrice_share,
-                expected.rank_correlation.unwrap_or(f64::NAN),
-                expected.actual_spread.unwrap_or(f64::NAN)
-            );
+        let name = format!("{shape:?}, seed {seed}, {cameras} + {depth_cameras} cameras");
+        let (whole, parts) = run.expected();
+        println!("shown: {name}, whole: {}", line_of(&whole));
+        for (provenance, expected) in parts {
+            println!("shown: {name}, {provenance:?}: {}", line_of(&expected));
             let mut pool = pools.iter_mut().filter(|(p, _)| *p == provenance);
             pool.next().unwrap().1.add(&expected);
         }
