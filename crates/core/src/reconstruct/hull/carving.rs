@@ -2,7 +2,7 @@
 
 use super::creases::Creases;
 use super::extremes::Extremes;
-use super::steps::{Steps, depth_of_stepped};
+use super::steps::{Step, Steps};
 use crate::calibration::DepthCamera;
 use crate::image::{Grid, PixelRect};
 use crate::reconstruct::surface::{Constraint, Side, Solid, UndecidedConstraints};
@@ -34,8 +34,8 @@ impl<'a> Carving<'a> {
         Self {
             camera,
             extremes: Extremes::new(&depth),
-            creases: Creases::new(&depth, pixel),
             steps: Steps::new(&depth, pixel),
+            creases: Creases::new(&depth, pixel),
             depth,
             values_per_metre: 127.5 / cell_size,
         }
@@ -77,37 +77,51 @@ impl<'a> Carving<'a> {
 
     /// Depth of the carving surface; `None` where a pixel around carves nothing.
     pub fn depth_at(&self, pixel: Point2<f64>) -> Option<f64> {
+        let (cell, shares) = self.cell(pixel)?;
+        let corners = self.corners(cell, shares)?;
+        if self.steps.is_stepped(cell.0, cell.1) {
+            Some(Step::new(corners).depth())
+        } else if self.creases.is_creased(cell.0, cell.1) {
+            let shares = shares.map(|share| share as f32);
+            Some(f64::from(self.creases.depth_at(&self.depth, cell, shares)))
+        } else {
+            Some(
+                corners
+                    .iter()
+                    .map(|(d, weight)| f64::from(*d) * weight)
+                    .sum(),
+            )
+        }
+    }
+
+    /// The cell that a place lies in, by its left upper pixel, and its shares of the way to the opposite one.
+    fn cell(&self, pixel: Point2<f64>) -> Option<((usize, usize), [f64; 2])> {
         let (x, y) = (pixel.x.floor(), pixel.y.floor());
         let (width, height) = (self.depth.width() as f64, self.depth.height() as f64);
-        if !(x >= 0.0 && y >= 0.0 && x + 1.0 < width && y + 1.0 < height) {
-            return None;
-        }
-        let (fx, fy) = (pixel.x - x, pixel.y - y);
-        let (x, y) = (x as usize, y as usize);
-        let around = [
+        let is_inside = x >= 0.0 && y >= 0.0 && x + 1.0 < width && y + 1.0 < height;
+        is_inside.then_some(((x as usize, y as usize), [pixel.x - x, pixel.y - y]))
+    }
+
+    /// The depths of a cell's corners with their bilinear weights, if all of them have one.
+    fn corners(&self, (x, y): (usize, usize), [fx, fy]: [f64; 2]) -> Option<[(f32, f64); 4]> {
+        let corners = [
             (self.depth[(x, y)], (1.0 - fx) * (1.0 - fy)),
             (self.depth[(x + 1, y)], fx * (1.0 - fy)),
             (self.depth[(x, y + 1)], (1.0 - fx) * fy),
             (self.depth[(x + 1, y + 1)], fx * fy),
         ];
-        if around.iter().any(|(d, _)| *d == 0.0) {
-            return None;
+        corners.iter().all(|(d, _)| *d != 0.0).then_some(corners)
+    }
+
+    /// How far, in metres, a point at depth `z` lies behind the carving surface, or, if that is less, within the side of
+    /// a step.
+    fn behind(&self, pixel: Point2<f64>, z: f64) -> Option<f64> {
+        let (cell, shares) = self.cell(pixel)?;
+        if self.steps.is_stepped(cell.0, cell.1) {
+            let size = z / self.camera.camera.intrinsics.focal_px.min();
+            return Some(Step::new(self.corners(cell, shares)?).behind(z, size));
         }
-        if self.steps.is_stepped(x, y) {
-            return Some(depth_of_stepped(around));
-        }
-        if self.creases.is_creased(x, y) {
-            let depth = self
-                .creases
-                .depth_at(&self.depth, (x, y), [fx as f32, fy as f32]);
-            return Some(f64::from(depth));
-        }
-        Some(
-            around
-                .iter()
-                .map(|(d, weight)| f64::from(*d) * weight)
-                .sum(),
-        )
+        Some(z - self.depth_at(pixel)?)
     }
 
     /// How far, in metres, a point lies before the carving surface: positive for what is taken off, `None`
@@ -125,7 +139,7 @@ impl<'a> Carving<'a> {
     /// Positive behind the surface; `None` where nothing is carved.
     fn value(&self, p: Point3<f64>) -> Option<f32> {
         let (pixel, z) = self.camera.project(p)?;
-        let behind = z - self.depth_at(pixel)?;
+        let behind = self.behind(pixel, z)?;
         Some((behind * self.values_per_metre).clamp(-127.5, 127.5) as f32)
     }
 

@@ -1,14 +1,14 @@
 //! Depth between the pixels of a depth picture where one surface hides another. A line from the one to the other would
-//! be a wall that nothing showed, and would cover a strip of the farther surface that the camera sees. There each
-//! surface goes on to the middle between the two.
+//! be a wall that nothing showed, and would cover a strip of the farther surface that the camera sees. There each surface
+//! goes on to the middle between the two.
 
 use super::creases::line;
 use crate::image::Grid;
 
 /// Least step, in sizes of a pixel: a wall as steep as that has hardly a reading.
 const LEAST_STEP_PX: f32 = 8.0;
-/// How many times as far it goes over a step as from a pixel to the next on both sides of it. Along a steep wall it
-/// goes as far.
+/// How many times as far it goes over a step as from a pixel to the next on both sides of it. Along a steep wall it goes
+/// as far.
 const LEAST_RATIO: f32 = 4.0;
 /// Steepest slope towards the step, in metres of depth per metre across the view, that the farther surface may have: a
 /// steeper one is a wall, or its foot, and goes on to the nearer surface.
@@ -40,26 +40,58 @@ impl Steps {
     }
 }
 
-/// Depth in a cell with a step, from its corners and their bilinear weights: the mean of those corners of the surface
-/// that has more weight.
-pub(super) fn depth_of_stepped(corners: [(f32, f64); 4]) -> f64 {
-    let depths = corners.map(|(depth, _)| depth);
-    let low = depths.into_iter().fold(f32::INFINITY, f32::min);
-    let high = depths.into_iter().fold(0.0, f32::max);
-    let middle = 0.5 * (low + high);
-    let mean = |is_far: bool| {
-        let of_side = corners
-            .iter()
-            .filter(|(depth, _)| (*depth > middle) == is_far);
-        of_side.fold((0.0, 0.0), |(sum, weights), (depth, weight)| {
-            (sum + f64::from(*depth) * weight, weights + weight)
-        })
-    };
-    let [(near, of_near), (far, of_far)] = [mean(false), mean(true)];
-    if of_far > of_near {
-        far / of_far
-    } else {
-        near / of_near
+/// The two surfaces at a place in a cell with a step.
+pub(super) struct Step {
+    /// Mean depth of the corners on each, in metres.
+    near: f64,
+    far: f64,
+    /// Share of the corners on the farther one, as bilinear weights count them.
+    of_far: f64,
+}
+
+impl Step {
+    /// From the cell's corners and their weights.
+    pub(super) fn new(corners: [(f32, f64); 4]) -> Self {
+        let depths = corners.map(|(depth, _)| depth);
+        let low = depths.into_iter().fold(f32::INFINITY, f32::min);
+        let high = depths.into_iter().fold(0.0, f32::max);
+        let middle = 0.5 * (low + high);
+        let side = |is_far: bool, otherwise: f32| {
+            let of_side = corners
+                .iter()
+                .filter(|(depth, _)| (*depth > middle) == is_far);
+            let (sum, weights) = of_side.fold((0.0, 0.0), |(sum, weights), (depth, weight)| {
+                (sum + f64::from(*depth) * weight, weights + weight)
+            });
+            let mean = if weights > 0.0 {
+                sum / weights
+            } else {
+                f64::from(otherwise)
+            };
+            (mean, weights)
+        };
+        let [(near, of_near), (far, of_far)] = [side(false, low), side(true, high)];
+        Self {
+            near,
+            far,
+            of_far: of_far / (of_near + of_far),
+        }
+    }
+
+    /// Depth of the surface that the camera sees.
+    pub(super) fn depth(&self) -> f64 {
+        if self.of_far > 0.5 {
+            self.far
+        } else {
+            self.near
+        }
+    }
+
+    /// How far a point at depth `z` lies behind the surfaces and the side between them, where a pixel has the size
+    /// `pixel`, all in metres: negative in front of them.
+    pub(super) fn behind(&self, z: f64, pixel: f64) -> f64 {
+        let within_side = (0.5 - self.of_far) * pixel;
+        (z - self.near).min(within_side).max(z - self.far)
     }
 }
 
@@ -107,8 +139,28 @@ mod tests {
                 (0.80, weights[2]),
                 (0.85, weights[3]),
             ];
-            let found = depth_of_stepped(corners);
+            let found = Step::new(corners).depth();
             assert!((found - expected).abs() < 1e-6, "{found} {expected}");
+        }
+    }
+
+    #[test]
+    fn what_lies_beside_the_side_of_a_step_lies_less_far_behind_it() {
+        let step =
+            |share: f64| Step::new([(0.80, 1.0 - share), (0.85, share), (0.80, 0.0), (0.85, 0.0)]);
+        for (share, z, expected) in [
+            (0.0, 0.79, -0.01),
+            (0.0, 0.81, 0.0005),
+            (0.4, 0.81, 0.0001),
+            (0.6, 0.81, -0.0001),
+            (1.0, 0.81, -0.0005),
+            (0.6, 0.86, 0.01),
+        ] {
+            let found = step(share).behind(z, 1e-3);
+            assert!(
+                (found - expected).abs() < 1e-6,
+                "{share} {z}: {found} {expected}"
+            );
         }
     }
 
