@@ -20,25 +20,39 @@ pub struct Carving<'a> {
     /// For each pixel the depth before which space is empty; 0 where the ray carves nothing.
     depth: Grid<f32>,
     extremes: Extremes<f32>,
-    creases: Creases,
-    steps: Steps,
+    edges: Option<Edges>,
     /// Turns metres before the surface into the units of a silhouette.
     values_per_metre: f64,
 }
 
+/// Where depth between pixels is not bilinear.
+struct Edges {
+    creases: Creases,
+    steps: Steps,
+}
+
 impl<'a> Carving<'a> {
     /// From the depth, in metres, before which space is empty; 0 for pixels that carve nothing. Between
-    /// pixels depth is bilinear, but for creases and steps. `cell_size` is that of the lattice it will be extracted on.
+    /// pixels depth is bilinear. `cell_size` is that of the lattice it will be extracted on.
     pub fn new(camera: &'a DepthCamera, depth: Grid<f32>, cell_size: f64) -> Self {
-        let pixel = (1.0 / camera.camera.intrinsics.focal_px.min()) as f32;
         Self {
             camera,
             extremes: Extremes::new(&depth),
-            steps: Steps::new(&depth, pixel),
-            creases: Creases::new(&depth, pixel),
+            edges: None,
             depth,
             values_per_metre: 127.5 / cell_size,
         }
+    }
+
+    /// With depth that goes on straight to creases and to the middle of steps: deeper than bilinear, by up to half a
+    /// pixel's doubt about where they are. Of several carvings the deepest doubt would win.
+    pub fn with_edges(mut self) -> Self {
+        let pixel = (1.0 / self.camera.camera.intrinsics.focal_px.min()) as f32;
+        self.edges = Some(Edges {
+            creases: Creases::new(&self.depth, pixel),
+            steps: Steps::new(&self.depth, pixel),
+        });
+        self
     }
 
     /// What reaches wherever two carvings of one camera may differ: all of the rays on which they do, and those beside
@@ -62,11 +76,11 @@ impl<'a> Carving<'a> {
             }
         }
         Self {
+            camera: a.camera,
             extremes: Extremes::new(&depth),
-            creases: Creases::new(&depth, f32::INFINITY),
-            steps: Steps::new(&depth, f32::INFINITY),
+            edges: None,
             depth,
-            ..*a
+            values_per_metre: a.values_per_metre,
         }
     }
 
@@ -79,19 +93,24 @@ impl<'a> Carving<'a> {
     pub fn depth_at(&self, pixel: Point2<f64>) -> Option<f64> {
         let (cell, shares) = self.cell(pixel)?;
         let corners = self.corners(cell, shares)?;
-        if self.steps.is_stepped(cell.0, cell.1) {
-            Some(Step::new(corners).depth())
-        } else if self.creases.is_creased(cell.0, cell.1) {
-            let shares = shares.map(|share| share as f32);
-            Some(f64::from(self.creases.depth_at(&self.depth, cell, shares)))
-        } else {
-            Some(
-                corners
-                    .iter()
-                    .map(|(d, weight)| f64::from(*d) * weight)
-                    .sum(),
-            )
+        if self.is_stepped(cell) {
+            return Some(Step::new(corners).depth());
         }
+        if let Some(Edges { creases, .. }) = &self.edges
+            && creases.is_creased(cell.0, cell.1)
+        {
+            let shares = shares.map(|share| share as f32);
+            return Some(f64::from(creases.depth_at(&self.depth, cell, shares)));
+        }
+        let weighted = corners
+            .iter()
+            .map(|(depth, weight)| f64::from(*depth) * weight);
+        Some(weighted.sum())
+    }
+
+    fn is_stepped(&self, (x, y): (usize, usize)) -> bool {
+        let edges = self.edges.as_ref();
+        edges.is_some_and(|edges| edges.steps.is_stepped(x, y))
     }
 
     /// The cell that a place lies in, by its left upper pixel, and its shares of the way to the opposite one.
@@ -117,7 +136,7 @@ impl<'a> Carving<'a> {
     /// a step.
     fn behind(&self, pixel: Point2<f64>, z: f64) -> Option<f64> {
         let (cell, shares) = self.cell(pixel)?;
-        if self.steps.is_stepped(cell.0, cell.1) {
+        if self.is_stepped(cell) {
             let size = z / self.camera.camera.intrinsics.focal_px.min();
             return Some(Step::new(self.corners(cell, shares)?).behind(z, size));
         }

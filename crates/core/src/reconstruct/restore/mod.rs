@@ -206,9 +206,12 @@ fn carve_by(
     let cell_size = template.lattice.cell_size;
     let carvings_by = |depths: &[Grid<f32>]| -> Vec<Carving> {
         let pairs = sources.iter().zip(depths);
-        pairs
-            .map(|(s, d)| Carving::new(s.camera, d.clone(), cell_size))
-            .collect()
+        let carvings = pairs.map(|(s, d)| Carving::new(s.camera, d.clone(), cell_size));
+        if sources.len() == 1 {
+            carvings.map(Carving::with_edges).collect()
+        } else {
+            carvings.collect()
+        }
     };
     // Whatever differs from what was extracted before lies where these carvings reach.
     let extract = |carvings: &[Carving], before, changed: &[Carving]| {
