@@ -132,8 +132,8 @@ impl<'a> Carving<'a> {
         corners.iter().all(|(d, _)| *d != 0.0).then_some(corners)
     }
 
-    /// How far, in metres, a point at depth `z` lies behind the carving surface, or, if that is less, within the side of
-    /// a step.
+    /// How far, in metres, a point at depth `z` lies behind the carving surface, or, if that is less, within the side
+    /// of a step.
     fn behind(&self, pixel: Point2<f64>, z: f64) -> Option<f64> {
         let (cell, shares) = self.cell(pixel)?;
         if self.is_stepped(cell) {

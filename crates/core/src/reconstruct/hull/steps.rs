@@ -1,14 +1,14 @@
 //! Depth between the pixels of a depth picture where one surface hides another. A line from the one to the other would
-//! be a wall that nothing showed, and would cover a strip of the farther surface that the camera sees. There each surface
-//! goes on to the middle between the two.
+//! be a wall that nothing showed, and would cover a strip of the farther surface that the camera sees. There each
+//! surface goes on to the middle between the two.
 
 use super::creases::line;
 use crate::image::Grid;
 
 /// Least step, in sizes of a pixel: a wall as steep as that has hardly a reading.
 const LEAST_STEP_PX: f32 = 8.0;
-/// How many times as far it goes over a step as from a pixel to the next on both sides of it. Along a steep wall it goes
-/// as far.
+/// How many times as far it goes over a step as from a pixel to the next on both sides of it. Along a steep wall it
+/// goes as far.
 const LEAST_RATIO: f32 = 4.0;
 /// Steepest slope towards the step, in metres of depth per metre across the view, that the farther surface may have: a
 /// steeper one is a wall, or its foot, and goes on to the nearer surface.
