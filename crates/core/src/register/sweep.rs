@@ -1,6 +1,7 @@
 //! Looks for poses that the search missed. An object that is round but for something small, such as a notch in its rim,
 //! has hulls that are nearly alike at all turns about its axis, and may be upside-down as well. So few of the turns
-//! that the search keeps are near the right one, and a refinement from farther away than the notch is wide does not see it.
+//! that the search keeps are near the right one, and a refinement from farther away than the notch is wide does not see
+//! it.
 
 use super::align::{Aligned, Rays, align};
 use super::body::Body;
