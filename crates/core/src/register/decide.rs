@@ -111,6 +111,8 @@ const MOST_RIVALS: usize = 24;
 const CLOSE: f64 = 1.5;
 /// Candidates that cost more than this many times the best are left out.
 const COSTLIER: f64 = 2.5;
+/// How many times what is accepted the best pose may disagree where turns that the search missed are tried.
+const MISSED: f64 = 6.0;
 /// A scale between two calibrations is significant from this share of all lengths on …
 const SCALE: f64 = 1e-3;
 /// … if silhouettes disagree by less than this share of what they do without it.
@@ -197,7 +199,7 @@ impl CapturePair<'_> {
             return self.state(&nowhere, Err(Refusal::NoPose));
         };
         let mut stated = self.state(best, Ok(PoseEvidence::Silhouettes));
-        if stated.verdict.is_err() {
+        if stated.verdict.is_err() && self.may_be_missed(&refined[0]) {
             let around = sweep::around(a, b, &refined[0]);
             refined = self.settled(self.each_once([refined, around].concat()));
             stated = self.state(&refined[0], Ok(PoseEvidence::Silhouettes));
@@ -206,6 +208,12 @@ impl CapturePair<'_> {
             return self.at_another_scale(stated);
         }
         self.doubted_for_scale(self.chosen(stated, &refined[0], &refined))
+    }
+
+    /// Whether the search may have missed a pose that is accepted. What it takes for another is small, so that even the
+    /// best pose it found disagrees little.
+    fn may_be_missed(&self, best: &Aligned) -> bool {
+        best.disagreement <= MISSED * self.accept
     }
 
     /// Chooses among the poses that the silhouettes bear, of which the best is `stated`.
