@@ -340,6 +340,24 @@ mod long {
     use super::*;
 
     #[test]
+    fn an_ashtray_is_found_where_the_search_keeps_only_poses_that_are_upside_down() {
+        let mut objects = OBJECTS.iter();
+        let ashtray = objects.find(|o| matches!(o.shape, Shape::Ashtray)).unwrap();
+        let options = session(
+            ashtray.shape,
+            ashtray.has_pattern,
+            1280,
+            "upright,any",
+            1802,
+        );
+        let fused = fuse(options);
+        let said = said(&fused, ashtray.has_pattern);
+        let told = line("an ashtray", &said);
+        assert_ne!(said.level, "refused", "{told}\n{}", fused.words);
+        assert!(!said.is_confidently_wrong(), "{told}\n{}", fused.words);
+    }
+
+    #[test]
     fn fruit_in_a_round_bowl_is_turned_right_or_not_at_all() {
         for has_pattern in [true, false] {
             let name = format!("a small bowl with fruit, pattern {has_pattern}");

@@ -111,7 +111,7 @@ const MOST_RIVALS: usize = 24;
 const CLOSE: f64 = 1.5;
 /// Candidates that cost more than this many times the best are left out.
 const COSTLIER: f64 = 2.5;
-/// How many times what is accepted the best pose may disagree where turns that the search missed are tried.
+/// If the best pose disagrees by at most this many times what is accepted, turns that the search missed are tried.
 const MISSED: f64 = 6.0;
 /// A scale between two calibrations is significant from this share of all lengths on …
 const SCALE: f64 = 1e-3;
@@ -210,8 +210,8 @@ impl CapturePair<'_> {
         self.doubted_for_scale(self.chosen(stated, &refined[0], &refined))
     }
 
-    /// Whether the search may have missed a pose that is accepted. What it takes for another is small, so that even the
-    /// best pose it found disagrees little.
+    /// Whether the search may have missed a pose that would be accepted. What makes it miss one is small, as a notch is, so
+    /// that the best pose that it found disagrees little, too.
     fn may_be_missed(&self, best: &Aligned) -> bool {
         best.disagreement <= MISSED * self.accept
     }
