@@ -210,8 +210,8 @@ impl CapturePair<'_> {
         self.doubted_for_scale(self.chosen(stated, &refined[0], &refined))
     }
 
-    /// Whether the search may have missed a pose that would be accepted. What makes it miss one is small, as a notch is, so
-    /// that the best pose that it found disagrees little, too.
+    /// Whether the search may have missed a pose that would be accepted. What makes it miss one is small, as a notch
+    /// is, so that the best pose that it found disagrees little, too.
     fn may_be_missed(&self, best: &Aligned) -> bool {
         best.disagreement <= MISSED * self.accept
     }

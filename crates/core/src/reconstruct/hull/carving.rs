@@ -44,8 +44,8 @@ impl<'a> Carving<'a> {
         }
     }
 
-    /// Lets depth go on straight to creases, and to the middle of steps. Where an edge is, is known to half a pixel only,
-    /// so depth may go too deep there. With several depth cameras the deepest would win, so this is for one alone.
+    /// Lets depth go on straight to creases, and to the middle of steps. Where an edge is, is known to half a pixel
+    /// only, so depth may go too deep there. With several depth cameras the deepest would win: this is for one alone.
     pub fn with_edges(mut self) -> Self {
         let pixel = (1.0 / self.camera.camera.intrinsics.focal_px.min()) as f32;
         self.edges = Some(Edges {
