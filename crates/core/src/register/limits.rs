@@ -9,8 +9,8 @@ const OWN: f64 = 0.15e-3;
 const OWN_PX: f64 = 0.4;
 /// A pose is accepted up to this many times the own noise …
 const ACCEPTED: f64 = 1.8;
-/// … or this many pixels more than it, where it is tiny.
-const ACCEPTED_MORE_PX: f64 = 0.08;
+/// … or this many pixels more than it, where it is tiny: one stretch that its own limit bears may make so much.
+const ACCEPTED_MORE_PX: f64 = 0.12;
 /// The lower half of the gap, in which a pose is green.
 const GREEN: f64 = 1.6;
 /// Silhouettes object to a pose from this many times the own noise on.
@@ -30,7 +30,7 @@ const OWN_STRETCH_PX2: f64 = 120.0;
 /// … and what another capture leaves by so many more than that …
 const STRETCH_PX2: f64 = 95.0;
 /// … of either so many where the pose is green.
-const GREEN_STRETCH_PX2: f64 = 70.0;
+const GREEN_STRETCH_PX2: f64 = 85.0;
 /// At one spot, what several views of a capture miss beyond their own noise may weigh so many square pixels, without
 /// the view that misses most …
 const SPOT_PX2: f64 = 60.0;

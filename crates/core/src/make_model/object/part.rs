@@ -377,7 +377,24 @@ impl Told<'_> {
                 .to_owned()
         });
         let doubts = loose.into_iter().chain(changed).chain(larger).chain(depth);
-        doubts.chain(patterns).chain(open)
+        let doubts: Vec<String> = doubts.chain(patterns).chain(open).collect();
+        let outlines = doubts.is_empty().then(|| self.doubt_of_outlines(found));
+        doubts.into_iter().chain(outlines.flatten())
+    }
+
+    /// What outlines say against a pose that they hold, or that colours chose among such poses, if it is amber.
+    fn doubt_of_outlines(&self, found: &Registered) -> Option<String> {
+        use PoseEvidence::{Colours, Silhouettes};
+        let is_doubted =
+            found.level == Level::Amber && matches!(found.verdict, Ok(Silhouettes | Colours));
+        is_doubted.then(|| {
+            format!(
+                "outlines disagree more than is usual, by {:.2} mm in all{}: look for a step there, and whether something hid \
+                 the object or a piece broke off",
+                found.disagreement_mm.unwrap_or(0.0),
+                self.place_of_stretch(found)
+            )
+        })
     }
 
     fn words_of_refusal(&self, i: usize, refusal: Refusal, found: &Registered) -> String {

@@ -119,6 +119,20 @@ fn a_place_where_something_may_have_broken_off_is_told_with_a_camera() {
 }
 
 #[test]
+fn an_amber_pose_says_why_also_where_nothing_but_outlines_is_to_blame() {
+    for evidence in [PoseEvidence::Silhouettes, PoseEvidence::Colours] {
+        let mut doubted = registered(Ok(evidence));
+        doubted.level = Level::Amber;
+        let told = words(doubted, false);
+        let why =
+            "outlines disagree more than is usual, by 0.06 mm in all (worst in camera right of b";
+        assert!(told.contains(why), "{told}");
+        let told = words(registered(Ok(evidence)), false);
+        assert!(!told.contains("more than is usual"), "{told}");
+    }
+}
+
+#[test]
 fn each_capture_that_is_refused_is_left_out_by_name_and_with_what_to_do() {
     for refusal in REFUSALS {
         let two = fusion(&[registered(Err(refusal))], false);
@@ -266,6 +280,7 @@ fn all_findings() -> Vec<(Registered, bool, usize)> {
     doubted(by_outlines, |found| found.sigma_deg = 1.0);
     doubted(by_outlines, |found| found.may_have_changed = true);
     doubted(by_outlines, |found| found.larger_by = Some(0.004));
+    doubted(by_outlines, |found| found.level = Level::Amber);
     doubted(by_outlines, |found| {
         found.colours = Some(ColorAgreement {
             best: 0.0,
