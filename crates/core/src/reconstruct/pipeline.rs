@@ -5,7 +5,7 @@ use super::faired_surface::{FairedSurface, FairingResult, PlainHull};
 use super::fairing;
 use super::hull::{self, Cone, Hull};
 use super::region::{self, Bias, HullRenderings, Regions};
-use super::restore::{self, Restored, Source, Template};
+use super::restore::{self, EvenWalls, Restored, Source, Template};
 use super::silhouette::{self, Silhouette};
 use super::surface::Solid;
 use super::texture;
@@ -124,6 +124,8 @@ pub struct Reconstruction {
     pub unrequired_pieces: Vec<UnrequiredPiece>,
     /// Rays of colour cameras that carving had opened and that were closed again.
     pub closed_openings: usize,
+    /// What became of the walls of the model; `None` where none was made even.
+    pub even_walls: Option<EvenWalls>,
 }
 
 /// What was found in one depth view.
@@ -198,15 +200,6 @@ pub fn reconstruct_from(
         Some(Ok(surface)) => &surface.faired.solid,
         _ => &hull,
     };
-    let template = Template {
-        hull: &hull,
-        fused_captures,
-        solid,
-        extracted: start,
-        lattice: &lattice,
-        parameters: &parameters.hull,
-        front_threshold: parameters.region.front_threshold,
-    };
     let faired_hull = match &faired {
         Some(Ok(surface)) => Some(FairedHull {
             plain: &extracted.surface.mesh,
@@ -215,6 +208,16 @@ pub fn reconstruct_from(
             touches: &surface.faired.touches,
         }),
         _ => None,
+    };
+    let template = Template {
+        hull: &hull,
+        fused_captures,
+        solid,
+        faired: faired_hull.map(|faired| faired.solid),
+        extracted: start,
+        lattice: &lattice,
+        parameters: &parameters.hull,
+        front_threshold: parameters.region.front_threshold,
     };
 
     if parameters.method != Method::Hull {
@@ -270,6 +273,7 @@ pub fn reconstruct_from(
         unproved_volume,
         unrequired_pieces,
         closed_openings: restored.closed_openings,
+        even_walls: restored.even_walls,
         fairing: faired.map(|faired| faired.map(|surface| surface.faired.facts)),
         hull: extracted.surface.mesh,
     })

@@ -8,6 +8,7 @@ mod between;
 mod carve;
 mod coating;
 mod consistency;
+mod even_walls;
 mod factor;
 mod iterate;
 mod laplacian;
@@ -16,15 +17,22 @@ mod relax;
 #[cfg(test)]
 mod testing;
 
+pub use even_walls::EvenWalls;
+use even_walls::{Sight, even_walls};
 pub use laplacian::Singular;
 
 use super::depth::EnhancedDepth;
+use super::fairing::FairedSolid;
 use super::hull::{self, Carved, Carving, ExtractedSurface, Hull, carving_of};
 use super::region::Regions;
 use super::surface::{Constraint, Lattice, Solid};
 use super::{FusedCaptures, Model};
 use crate::calibration::DepthCamera;
 use crate::image::Grid;
+use nalgebra::Point3;
+
+/// How much of the plain hull may be left where the outside counts as faired.
+const MOST_KEPT: f64 = 0.5;
 
 /// The form of the restoration.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Deserialize, serde::Serialize)]
@@ -56,6 +64,9 @@ pub struct Parameters {
     /// Default 1, range 0 to 1000000.
     #[serde(deserialize_with = "crate::range::within::<_, f64, 0, 1000000>")]
     pub smoothness: f64,
+    /// For `carve`: whether the inside of a wall whose outside is faired goes to where the wall's thickness is even, as
+    /// far as it may be off. Default true.
+    pub even_walls: bool,
     /// For `lid`: weight of the depth's positions relative to its Laplacian coordinates. With 0 the border is the only
     /// anchor.
     /// Default 0.1, range 0 to 1000000.
@@ -70,6 +81,7 @@ impl Default for Parameters {
             least_wall_mm: 2.0,
             least_opening_px: 6,
             smoothness: 1.0,
+            even_walls: true,
             anchor_weight: 0.1,
         }
     }
@@ -96,6 +108,8 @@ pub struct Template<'a> {
     pub fused_captures: &'a FusedCaptures,
     /// What is carved: the hull, plain or faired.
     pub solid: &'a dyn Solid,
+    /// The faired hull, if that is what is carved.
+    pub faired: Option<&'a FairedSolid>,
     /// The surface of `solid`.
     pub extracted: &'a ExtractedSurface,
     /// The lattice that it was extracted on.
@@ -114,6 +128,8 @@ pub struct Restored {
     pub dropped_pieces: usize,
     /// Rays of colour cameras that carving had opened and that were closed again.
     pub closed_openings: usize,
+    /// What became of its walls; `None` where none was made even.
+    pub even_walls: Option<EvenWalls>,
 }
 
 impl Restored {
@@ -123,6 +139,7 @@ impl Restored {
             model,
             dropped_pieces: 0,
             closed_openings: 0,
+            even_walls: None,
         }
     }
 }
@@ -174,9 +191,22 @@ fn carve_and_relax(
     parameters: &Parameters,
 ) -> Result<Restored, Singular> {
     let (surface, mut restored) = carve_by(template, sources, depths);
+    let source_of = |v: usize| carving_of(surface[v]);
     if parameters.smoothness > 0.0 {
-        let source_of = |v: usize| carving_of(surface[v]);
         relax::relax(&mut restored.model, sources, source_of, parameters)?;
+    }
+    if let Some(faired) = template.faired.filter(|_| parameters.even_walls) {
+        let sight_of = |v: usize, model: &Model| {
+            let camera = &sources[source_of(v)?].camera.camera;
+            let p: Point3<f64> = model.mesh.vertices[v].cast();
+            let view = (camera.center() - p).normalize();
+            Some(Sight {
+                pixel: camera.pixel_footprint(p),
+                facing: view.dot(&model.normals[v].cast()),
+            })
+        };
+        let is_faired = |p| faired.kept(p) < MOST_KEPT;
+        restored.even_walls = even_walls(&mut restored.model, sight_of, is_faired);
     }
     Ok(restored)
 }
@@ -246,6 +276,7 @@ fn carve_by(
         model,
         dropped_pieces: extracted.dropped_pieces,
         closed_openings,
+        even_walls: None,
     };
     (constraints, restored)
 }

@@ -2,6 +2,7 @@
 
 use super::UnobservedMeasures;
 use crate::mesh::{self, Mesh, bounding_box, check, components};
+use crate::reconstruct::restore::EvenWalls;
 use crate::reconstruct::uncertainty::UnrequiredPiece;
 use crate::reconstruct::{Model, Provenance, Reconstruction, Scene, fairing};
 use serde::Serialize;
@@ -38,6 +39,9 @@ pub struct ModelMeasures {
     pub dropped_carved_pieces: usize,
     /// Places where carving contradicted a colour camera and was undone.
     pub closed_openings: usize,
+    /// What became of the inside of walls; `None` where none was made even.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub even_walls: Option<EvenWalls>,
     /// How the fairing of the hull came out; `None` where the model is made of the plain hull.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub fairing: Option<fairing::Facts>,
@@ -106,6 +110,7 @@ impl ModelMeasures {
             dropped_hull_pieces: made.dropped_hull_pieces,
             dropped_carved_pieces: made.dropped_carved_pieces,
             closed_openings: made.closed_openings,
+            even_walls: made.even_walls,
             fairing: made.fairing.as_ref().and_then(|f| f.as_ref().ok().copied()),
             fairing_remark: matches!(made.fairing, Some(Ok(_))).then_some(FAIRING_REMARK),
             fairing_refused: made

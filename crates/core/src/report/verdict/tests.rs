@@ -55,6 +55,7 @@ fn measured() -> Measurements {
             dropped_hull_pieces: 0,
             dropped_carved_pieces: 0,
             closed_openings: 0,
+            even_walls: None,
             fairing: None,
             fairing_remark: None,
             fairing_refused: None,
