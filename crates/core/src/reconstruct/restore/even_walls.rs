@@ -18,6 +18,8 @@ const SPREAD_PX: f64 = 10.0;
 const REACH: f64 = 2.2;
 /// Vertices within this are taken together where thickness is averaged.
 const SAMPLE_PX: f64 = 1.75;
+/// So many times as far from a place are samples that tell its thickness.
+const AROUND: f64 = 2.0;
 /// The scatter of thickness: what is farther off than this counts less.
 const SCATTER_PX: f64 = 0.35;
 /// How far the inside of a steep wall may be off.
@@ -196,7 +198,8 @@ impl<F: Fn(Point3<f64>) -> bool> Outside<F> {
 
 /// Thickness and how it changes, at the samples of all walls.
 struct Trend {
-    pixel: f64,
+    /// Metres within which samples tell the thickness of a place.
+    reach: f64,
     samples: Places,
     slopes: Vec<Option<Slope>>,
 }
@@ -210,19 +213,20 @@ struct Slope {
 impl Trend {
     fn new(walls: &[Option<Wall>], pixel: f64) -> Self {
         let samples = samples(walls, SAMPLE_PX * pixel);
-        let samples = Places::new(samples, REACH * SPREAD_PX * pixel);
-        let numbers = 0..samples.walls.len();
-        let slopes = numbers.into_par_iter().map(|i| slope(&samples, i, pixel));
+        let wide = Places::new(samples.clone(), REACH * SPREAD_PX * pixel);
+        let numbers = (0..samples.len()).into_par_iter();
+        let slopes = numbers.map(|i| slope(&wide, i, pixel)).collect();
+        let reach = AROUND * SAMPLE_PX * pixel;
         Self {
-            pixel,
-            slopes: slopes.collect(),
-            samples,
+            reach,
+            samples: Places::new(samples, reach),
+            slopes,
         }
     }
 
     /// The even thickness at a place: what the samples around it say of it.
     fn thickness(&self, wall: &Wall) -> Option<f64> {
-        let reach = 2.0 * SAMPLE_PX * self.pixel;
+        let reach = self.reach;
         let (mut sum, mut weights) = (0.0, 0.0);
         for i in self.samples.near(wall, reach) {
             let Some(slope) = &self.slopes[i] else {
