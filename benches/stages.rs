@@ -159,6 +159,7 @@ fn f_restoration(bencher: Bencher) {
         hull: &hull,
         fused_captures: &FusedCaptures::default(),
         solid: &hull,
+        faired: None,
         extracted: &extracted,
         lattice: &lattice,
         parameters,
