@@ -94,10 +94,11 @@ pub(super) fn even_walls(
         .filter(|&v| is_inside(model.provenance[v]))
         .filter_map(|v| Some((v, sight_of(v, model)?)))
         .unzip();
-    if inside.is_empty() {
+    let pixel = sights.iter().map(|s| s.pixel).sum::<f64>() / sights.len() as f64;
+    // Without a length, cubes have none either.
+    if inside.is_empty() || pixel <= 0.0 {
         return None;
     }
-    let pixel = sights.iter().map(|s| s.pixel).sum::<f64>() / sights.len() as f64;
     let outside = Outside::new(model, is_faired);
     let walls: Vec<Option<Wall>> = inside
         .par_iter()
@@ -268,7 +269,7 @@ fn samples(walls: &[Option<Wall>], size: f64) -> Vec<Wall> {
     cubes.into_values().filter_map(mean).collect()
 }
 
-/// The straight line through the thickness around a sample, along the wall; `None` where too few samples are around it.
+/// How thickness goes on around a sample, fitted linearly along the wall; `None` where too few samples are around it.
 fn slope(samples: &Places, i: usize, pixel: f64) -> Option<Slope> {
     let here = &samples.walls[i];
     let (spread, scatter) = (SPREAD_PX * pixel, SCATTER_PX * pixel);
