@@ -105,7 +105,7 @@ mod long {
     use scand_lab::{Options, Shape, Simulation};
 
     #[test]
-    fn ribs_that_stand_in_profile_keep_more_than_half_of_their_height() {
+    fn ribs_that_stand_in_profile_keep_four_fifths_of_their_height() {
         let simulation = Simulation::new(Options {
             spacing_mm: 0.5,
             ..Options::small(Shape::Relief)
@@ -136,7 +136,6 @@ mod long {
             faired.facts
         );
         assert!(truth > 0.6e-3, "{truth}");
-        // Bending is resisted over 6 px; ribs in profile, 24 px apart, are worn down between the outlines.
-        assert!(found >= 0.55 * truth, "{found} of {truth}");
+        assert!(found >= 0.8 * truth, "{found} of {truth}");
     }
 }

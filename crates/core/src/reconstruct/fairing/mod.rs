@@ -5,13 +5,15 @@
 //! - `shape` is the mesh that is moved, `certain` finds the edges that stay;
 //! - `sides` finds flat sides between such edges: `corners` are the points that span them, `flat` the parts of their
 //!   hull;
-//! - `rounds` is one estimate of how far each vertex moves, `solve` its equations;
+//! - `profile` finds relief that stands in profile, which stays;
+//! - `rounds` is one estimate of how far each vertex moves, `bending` what resists it, `solve` its equations;
 //! - `curved` is the smooth surface that a mesh stands for, `transfer` begins a finer mesh on it;
 //! - `accept` keeps the hull where the outlines do not agree, `held` where something else shows that it has to stay;
 //! - `faired_solid` is the result as a solid: `nearest` finds the triangle that is nearest to each corner of the
 //!   lattice near the surface, and `columns` finds which of the other corners lie inside.
 
 mod accept;
+mod bending;
 mod certain;
 mod columns;
 mod contour;
@@ -21,6 +23,7 @@ mod faired_solid;
 mod flat;
 mod held;
 mod nearest;
+mod profile;
 mod reduced;
 mod rounds;
 mod shape;
@@ -35,9 +38,10 @@ use super::surface::Lattice;
 use crate::mesh::{self, Mesh};
 use contour::Contour;
 use nalgebra::Point3;
+use profile::Profiles;
 use rayon::prelude::*;
 use reduced::Reduced;
-use rounds::Round;
+use rounds::{Bending, Round};
 use shape::Shape;
 use sides::Sides;
 
@@ -48,11 +52,13 @@ const LEVELS: [RefinementLevel; 2] = [
         cells: 4,
         rounds: 8,
         steps: 150,
+        bending: Bending::Mean,
     },
     RefinementLevel {
         cells: 2,
         rounds: 4,
         steps: 80,
+        bending: Bending::Each,
     },
 ];
 
@@ -75,6 +81,7 @@ struct RefinementLevel {
     rounds: usize,
     /// Most steps of the solver in a round.
     steps: usize,
+    bending: Bending,
 }
 
 /// A faired hull.
@@ -270,10 +277,16 @@ impl FairingInputs<'_> {
                 });
             }
             let is_first = coarse.is_none();
+            // On coarse cells a relief is too small.
+            let profiles = if is_first {
+                Profiles::none(shape.len())
+            } else {
+                Profiles::of_hull(&shape, self.contours, SHARPEST * self.radius)
+            };
             if let Some(coarse) = coarse.take() {
                 coarse.begin(&mut shape);
             }
-            self.fair_level(&mut shape, level, is_first);
+            self.fair_level(&mut shape, level, &profiles, is_first);
             coarse = Some(transfer::MovedMesh::new(&shape, &start));
             last = Some((shape, start));
         }
@@ -282,11 +295,18 @@ impl FairingInputs<'_> {
 
     /// Moves the vertices of one mesh in the rounds of its level. Those of the first level begin on the hull itself,
     /// whose facets are no edges: they settle first.
-    fn fair_level(&self, shape: &mut Shape, level: &RefinementLevel, is_first: bool) {
+    fn fair_level(
+        &self,
+        shape: &mut Shape,
+        level: &RefinementLevel,
+        profiles: &Profiles,
+        is_first: bool,
+    ) {
         let mut round = Round {
             steps: level.steps,
             farthest: self.cell_size * f64::from(level.cells),
             sharpest: 0.0,
+            bending: level.bending,
         };
         let mut left = level.rounds;
         if is_first {
@@ -295,7 +315,7 @@ impl FairingInputs<'_> {
         round.sharpest = SHARPEST * self.radius;
         for number in 0..left {
             shape.update_normals();
-            rounds::fair_once(shape, self.contours, round);
+            rounds::fair_once(shape, self.contours, profiles, round);
             if number + 1 < left {
                 shape.smooth_tangentially();
             }
@@ -307,9 +327,10 @@ impl FairingInputs<'_> {
 /// they may. Returns how many of a level's rounds these replace.
 fn settle(shape: &mut Shape, contours: &[Contour], round: Round) -> usize {
     let [least, most] = ROUNDS_TO_SETTLE;
+    let profiles = Profiles::none(shape.len());
     for number in 1..=most {
         shape.update_normals();
-        let held_back = rounds::fair_once(shape, contours, round);
+        let held_back = rounds::fair_once(shape, contours, &profiles, round);
         shape.smooth_tangentially();
         if number >= least && held_back < SETTLED {
             break;

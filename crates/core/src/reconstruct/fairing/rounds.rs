@@ -1,14 +1,14 @@
 //! One estimate: how far each vertex moves, so that the surface bends least and its rims lie on the contours.
 
+use super::bending;
 use super::contour::{Contour, Offset, REACH_PX};
+use super::profile::Profiles;
 use super::shape::{Role, Shape};
 use super::solve::Rows;
 use crate::array::three;
 use nalgebra::{Point2, Point3, Vector3};
 use rayon::prelude::*;
 
-/// Length in pixels over which a contour's noise is averaged: how much bending weighs against distances.
-const STIFFNESS_PX: f64 = 6.0;
 /// Share of its own weight that holds each vertex where it is.
 const DAMPING: f64 = 1e-7;
 
@@ -27,6 +27,18 @@ pub(super) struct Round {
     /// What bends within a smaller radius resists less, the sharper it bends: edges that no cone is certain of. In
     /// metres; at 0, all vertices resist bending equally.
     pub(super) sharpest: f64,
+    /// Which bends cost.
+    pub(super) bending: Bending,
+}
+
+/// Which bends of the surface cost.
+#[derive(Clone, Copy)]
+pub(super) enum Bending {
+    /// Their mean: what bends one way and as much the other way across costs nothing, and what bends one way in both
+    /// directions most, so that the hull's roofs over flat sides go down.
+    Mean,
+    /// Each of them, so that the surface does not ripple beside its edges.
+    Each,
 }
 
 /// A point of a rim, with the vertices that it lies between.
@@ -40,7 +52,12 @@ pub(super) struct RimPoint {
 }
 
 /// Moves the vertices once. Returns the share of those that would have gone farther than they may.
-pub(super) fn fair_once(shape: &mut Shape, contours: &[Contour], round: Round) -> f64 {
+pub(super) fn fair_once(
+    shape: &mut Shape,
+    contours: &[Contour],
+    profiles: &Profiles,
+    round: Round,
+) -> f64 {
     let mut numbers = vec![u32::MAX; shape.len()];
     let mut unknowns = 0;
     for (v, number) in numbers.iter_mut().enumerate() {
@@ -50,16 +67,8 @@ pub(super) fn fair_once(shape: &mut Shape, contours: &[Contour], round: Round) -
         }
     }
     let mut rows = Rows::default();
-    let stiffness = STIFFNESS_PX.powi(3).sqrt();
-    let bends: Vec<f64> = (0..shape.len())
-        .into_par_iter()
-        .map(|v| curvature(shape, v).map_or(0.0, |c| c.mean))
-        .collect();
-    for (v, area) in shape.areas().iter().enumerate() {
-        let sharp = (along_a_line(shape, v, &bends) * round.sharpest).powi(2);
-        let weight = stiffness * area.sqrt() / (1.0 + sharp).powi(2);
-        bend(&mut rows, shape, v, weight, &numbers);
-    }
+    let wanted = profiles.heights(shape, contours);
+    bending::resist(&mut rows, shape, &wanted, &numbers, round);
     let rims: Vec<Vec<RimPoint>> = contours.par_iter().map(|c| rims(shape, c)).collect();
     for point in rims.iter().flatten() {
         let [i, j] = point.ends.map(|v| v as usize);
@@ -127,87 +136,6 @@ fn within_cones(
         }
     }
     p
-}
-
-/// The mean curvature at a vertex, from the neighbours that count.
-struct Curvature {
-    /// Signed, in 1/m: negative where the surface is convex.
-    mean: f64,
-    /// What the part along the normal of the sum over neighbours is multiplied by.
-    scale: f64,
-    /// Neighbours that count.
-    count: usize,
-}
-
-/// Neighbours that count at a vertex: along the outline on the table, only those on it.
-fn around(shape: &Shape, v: usize) -> impl Iterator<Item = usize> + '_ {
-    let foot = shape.roles[v] == Role::Foot;
-    let counts = move |j: &usize| !foot || shape.ends_at_foot(*j);
-    shape.around(v).iter().map(|&j| j as usize).filter(counts)
-}
-
-/// The part along the normal of the sum over neighbours, divided by half the sum of their squared distances.
-fn curvature(shape: &Shape, v: usize) -> Option<Curvature> {
-    if !shape.moves(v) {
-        return None;
-    }
-    let (p, normal) = (shape.positions[v], shape.directions[v]);
-    let (mut sum, mut squares, mut count) = (0.0, 0.0, 0);
-    for j in around(shape, v) {
-        let way = shape.positions[j] - p;
-        sum += normal.dot(&way);
-        squares += way.norm_squared();
-        count += 1;
-    }
-    let foot = shape.roles[v] == Role::Foot;
-    if squares == 0.0 || count < 2 || foot && count != 2 {
-        return None;
-    }
-    let scale = 2.0 / squares;
-    Some(Curvature {
-        mean: scale * sum,
-        scale,
-        count,
-    })
-}
-
-/// How strongly the surface bends at a vertex as part of an edge, in 1/m: no more than on both sides of it along some
-/// line. A spike is sharper than any edge, but alone.
-fn along_a_line(shape: &Shape, v: usize, bends: &[f64]) -> f64 {
-    const OPPOSITE_COSINE: f64 = -0.7;
-    let strength = |j: usize| match shape.roles[j] {
-        Role::Edge => f64::INFINITY,
-        _ => bends[j] * bends[v].signum(),
-    };
-    let p = shape.positions[v];
-    let ways: Vec<(Vector3<f64>, f64)> = around(shape, v)
-        .filter_map(|j| {
-            let way = (shape.positions[j] - p).try_normalize(1e-12)?;
-            Some((way, strength(j))).filter(|(_, strength)| *strength > 0.0)
-        })
-        .collect();
-    let mut most = 0.0_f64;
-    for (i, (way, strength)) in ways.iter().enumerate() {
-        for (other, beyond) in &ways[..i] {
-            if way.dot(other) < OPPOSITE_COSINE {
-                most = most.max(strength.min(*beyond));
-            }
-        }
-    }
-    most.min(bends[v].abs())
-}
-
-/// The mean curvature at a vertex as a row. Along the outline on the table, the curvature of the outline.
-fn bend(rows: &mut Rows, shape: &Shape, v: usize, weight: f64, numbers: &[u32]) {
-    let Some(Curvature { mean, scale, count }) = curvature(shape, v) else {
-        return;
-    };
-    let normal = shape.directions[v];
-    let own = (numbers[v], -scale * count as f64 * normal.norm_squared());
-    let others = around(shape, v)
-        .filter(|&j| numbers[j] != u32::MAX)
-        .map(|j| (numbers[j], scale * normal.dot(&shape.directions[j])));
-    rows.push(weight, mean, others.chain([own]));
 }
 
 /// The points where the surface turns away from a camera and that lie near its contour.

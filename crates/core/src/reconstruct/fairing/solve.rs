@@ -1,6 +1,11 @@
 //! Linear least squares over sparse rows: conjugate gradients on the normal equations, preconditioned by their
-//! diagonal (Saad, Iterative Methods for Sparse Linear Systems, 2003, algorithm 9.7). Knows no surface. It works in
-//! one order whatever the threads.
+//! diagonal (Saad, Iterative Methods for Sparse Linear Systems, 2003, algorithm 9.7). Knows no surface. Each sum is added
+//! up in one order whatever the threads.
+
+use rayon::prelude::*;
+
+/// Rows and columns that one thread takes at least.
+const TAKEN: usize = 4096;
 
 /// Rows of a least-squares problem: minimise Σ (Σ_j a_ij x_j + r_i)².
 #[derive(Default)]
@@ -39,13 +44,38 @@ impl Rows {
             .zip(self.values[range].iter().copied())
     }
 
-    /// Aᵀ (A x).
-    fn normal(&self, x: &[f64], out: &mut [f64]) {
-        out.fill(0.0);
-        for row in 0..self.residuals.len() {
-            let sum: f64 = self.entries(row).map(|(j, a)| a * x[j]).sum();
-            self.entries(row).for_each(|(j, a)| out[j] += a * sum);
+    /// A x.
+    fn times(&self, x: &[f64], out: &mut [f64]) {
+        let of = |row: usize| self.entries(row).map(|(j, a)| a * x[j]).sum();
+        let rows = out.par_iter_mut().with_min_len(TAKEN).enumerate();
+        rows.for_each(|(row, out)| *out = of(row));
+    }
+
+    /// The same values by columns: of each, its rows in ascending order are rows here.
+    fn transposed(&self, columns: usize) -> Self {
+        let mut starts = vec![0_u32; columns + 1];
+        for &column in &self.columns {
+            starts[column as usize + 1] += 1;
         }
+        for column in 0..columns {
+            starts[column + 1] += starts[column];
+        }
+        let mut next = starts.clone();
+        let mut transposed = Self {
+            starts,
+            columns: vec![0; self.columns.len()],
+            values: vec![0.0; self.values.len()],
+            residuals: Vec::new(),
+        };
+        for row in 0..self.residuals.len() {
+            for (column, value) in self.entries(row) {
+                let at = next[column] as usize;
+                next[column] += 1;
+                transposed.columns[at] = row as u32;
+                transposed.values[at] = value;
+            }
+        }
+        transposed
     }
 
     /// The `unknowns` values that make the sum of squares small, after at most `steps` steps. Each is held to zero
@@ -74,12 +104,15 @@ impl Rows {
         let mut direction = preconditioned(&residual);
         let mut size = dot(&residual, &direction);
         let goal = size * TOLERANCE * TOLERANCE;
+        let transposed = self.transposed(unknowns);
+        let mut product = vec![0.0; self.residuals.len()];
         let mut image = vec![0.0; unknowns];
         for _ in 0..steps {
             if size <= goal {
                 break;
             }
-            self.normal(&direction, &mut image);
+            self.times(&direction, &mut product);
+            transposed.times(&product, &mut image);
             for ((image, d), e) in image.iter_mut().zip(&direction).zip(&damping) {
                 *image += e * d;
             }

@@ -1,0 +1,217 @@
+//! How the surface bends at each vertex, and the equations that resist it. Knows no camera.
+
+use super::rounds::{Bending, Round};
+use super::shape::{Role, Shape};
+use super::solve::Rows;
+use nalgebra::{Matrix3, Vector3};
+use rayon::prelude::*;
+use std::f64::consts::SQRT_2;
+
+/// Length in pixels over which a contour's noise is averaged: how much bending weighs against distances.
+const STIFFNESS_PX: f64 = 6.0;
+/// Share of the terms of a paraboloid's fit that holds it flat: four neighbours on a cross do not show the twist.
+const HELD_FLAT: f64 = 0.2;
+/// Where the surface bends within so many times the radius of sharp bends, along any line, its bends count together.
+const TUBES: f64 = 2.0;
+/// A vertex has no row for what would have less than this share of its weight.
+const LEAST_SHARE: f64 = 0.05;
+
+/// Adds the rows that resist bending. Where `wanted` has heights for a vertex, they are what its neighbours have over
+/// its tangent plane, in metres, if nothing is resisted; elsewhere that is a plane.
+pub(super) fn resist(
+    rows: &mut Rows,
+    shape: &Shape,
+    wanted: &[Vec<f64>],
+    numbers: &[u32],
+    round: Round,
+) {
+    let stiffness = STIFFNESS_PX.powi(3).sqrt();
+    let vertices = || (0..shape.len()).into_par_iter();
+    let bends: Vec<f64> = vertices()
+        .map(|v| curvature(shape, v, &wanted[v]).map_or(0.0, |c| c.mean))
+        .collect();
+    let paraboloids: Vec<Option<Paraboloid>> = match round.bending {
+        Bending::Mean => Vec::new(),
+        Bending::Each => vertices().map(|v| Paraboloid::at(shape, v)).collect(),
+    };
+    for (v, area) in shape.areas().iter().enumerate() {
+        let sharp = (along_a_line(shape, v, &bends) * round.sharpest).powi(2);
+        let weight = stiffness * area.sqrt() / (1.0 + sharp).powi(2);
+        let paraboloid = paraboloids.get(v).and_then(Option::as_ref);
+        let apart = paraboloid.map_or(0.0, |p| p.share_apart(round.sharpest));
+        if let Some(paraboloid) = paraboloid.filter(|_| apart > LEAST_SHARE) {
+            let weight = weight * apart.sqrt();
+            paraboloid.resist(rows, shape, v, weight, (&wanted[v], numbers));
+        }
+        if 1.0 - apart > LEAST_SHARE {
+            let weight = weight * (1.0 - apart).sqrt();
+            resist_mean(rows, shape, v, weight, (&wanted[v], numbers));
+        }
+    }
+}
+
+/// The mean curvature at a vertex, from the neighbours that count.
+struct Curvature {
+    /// Signed, in 1/m, less what is wanted: negative where the surface is convex.
+    mean: f64,
+    /// What the part along the normal of the sum over neighbours is multiplied by.
+    scale: f64,
+    /// Neighbours that count.
+    count: usize,
+}
+
+/// Neighbours that count at a vertex: along the outline on the table, only those on it.
+fn around(shape: &Shape, v: usize) -> impl Iterator<Item = usize> + '_ {
+    let foot = shape.roles[v] == Role::Foot;
+    let counts = move |j: &usize| !foot || shape.ends_at_foot(*j);
+    shape.around(v).iter().map(|&j| j as usize).filter(counts)
+}
+
+/// The part along the normal of the sum over neighbours, divided by half the sum of their squared distances.
+fn curvature(shape: &Shape, v: usize, wanted: &[f64]) -> Option<Curvature> {
+    if !shape.moves(v) {
+        return None;
+    }
+    let (p, normal) = (shape.positions[v], shape.directions[v]);
+    let (mut sum, mut squares, mut count) = (0.0, 0.0, 0);
+    for j in around(shape, v) {
+        let way = shape.positions[j] - p;
+        sum += normal.dot(&way);
+        squares += way.norm_squared();
+        count += 1;
+    }
+    let foot = shape.roles[v] == Role::Foot;
+    if squares == 0.0 || count < 2 || foot && count != 2 {
+        return None;
+    }
+    let scale = 2.0 / squares;
+    Some(Curvature {
+        mean: scale * (sum - wanted.iter().sum::<f64>()),
+        scale,
+        count,
+    })
+}
+
+/// How strongly the surface bends at a vertex as part of an edge, in 1/m: no more than on both sides of it along some
+/// line. A spike is sharper than any edge, but alone.
+fn along_a_line(shape: &Shape, v: usize, bends: &[f64]) -> f64 {
+    const OPPOSITE_COSINE: f64 = -0.7;
+    let strength = |j: usize| match shape.roles[j] {
+        Role::Edge => f64::INFINITY,
+        _ => bends[j] * bends[v].signum(),
+    };
+    let p = shape.positions[v];
+    let ways: Vec<(Vector3<f64>, f64)> = around(shape, v)
+        .filter_map(|j| {
+            let way = (shape.positions[j] - p).try_normalize(1e-12)?;
+            Some((way, strength(j))).filter(|(_, strength)| *strength > 0.0)
+        })
+        .collect();
+    let mut most = 0.0_f64;
+    for (i, (way, strength)) in ways.iter().enumerate() {
+        for (other, beyond) in &ways[..i] {
+            if way.dot(other) < OPPOSITE_COSINE {
+                most = most.max(strength.min(*beyond));
+            }
+        }
+    }
+    most.min(bends[v].abs())
+}
+
+/// The mean curvature at a vertex as a row. Along the outline on the table, the curvature of the outline.
+fn resist_mean(
+    rows: &mut Rows,
+    shape: &Shape,
+    v: usize,
+    weight: f64,
+    (wanted, numbers): (&[f64], &[u32]),
+) {
+    let Some(Curvature { mean, scale, count }) = curvature(shape, v, wanted) else {
+        return;
+    };
+    let normal = shape.directions[v];
+    let own = (numbers[v], -scale * count as f64 * normal.norm_squared());
+    let others = around(shape, v)
+        .filter(|&j| numbers[j] != u32::MAX)
+        .map(|j| (numbers[j], scale * normal.dot(&shape.directions[j])));
+    rows.push(weight, mean, others.chain([own]));
+}
+
+/// The paraboloid through a vertex that fits the heights of its neighbours over its tangent plane best.
+struct Paraboloid {
+    /// How much the height of each neighbour counts in the two bends and in the twist between them, in 1/m².
+    shares: Vec<[f64; 3]>,
+    /// The two bends, and the twist, in 1/m.
+    bends: [f64; 3],
+}
+
+impl Paraboloid {
+    /// What the energy of plates has of the bends and the twist: half the sum of the squared principal curvatures. Over
+    /// a surface without a border that is as much as the squared mean curvature twice, but for a constant.
+    const WEIGHTS: [f64; 3] = [0.5, 0.5, 0.5 * SQRT_2];
+
+    /// At a vertex that moves along the surface's normal.
+    fn at(shape: &Shape, v: usize) -> Option<Self> {
+        if !shape.moves(v) || shape.roles[v] == Role::Foot {
+            return None;
+        }
+        let (p, normal) = (shape.positions[v], shape.directions[v]);
+        let axis = Vector3::ith(normal.iamin(), 1.0);
+        let first = normal.cross(&axis).normalize();
+        let second = normal.cross(&first);
+        let ways = || {
+            let around = shape.around(v).iter();
+            around.map(|&j| shape.positions[j as usize] - p)
+        };
+        let terms = ways().map(|way| {
+            let (a, b) = (way.dot(&first), way.dot(&second));
+            Vector3::new(0.5 * a * a, 0.5 * b * b, a * b)
+        });
+        let terms: Vec<Vector3<f64>> = terms.collect();
+        let squares: Matrix3<f64> = terms.iter().map(|t| t * t.transpose()).sum();
+        let held = Matrix3::identity() * (HELD_FLAT * squares.trace() / 3.0);
+        let inverse = (squares + held).try_inverse()?;
+        let shares: Vec<[f64; 3]> = terms.iter().map(|t| (inverse * t).into()).collect();
+        let mut bends = [0.0; 3];
+        for (way, share) in ways().zip(&shares) {
+            let height = normal.dot(&way);
+            bends
+                .iter_mut()
+                .zip(share)
+                .for_each(|(b, s)| *b += s * height);
+        }
+        Some(Self { shares, bends })
+    }
+
+    /// The share in which the bends resist apart: not where the surface bends as sharply as a handle or a stem does,
+    /// which are bent the other way along themselves.
+    fn share_apart(&self, sharpest: f64) -> f64 {
+        let [a, b, twist] = self.bends;
+        let strongest = 0.5 * (a + b).abs() + (0.5 * (a - b)).hypot(twist);
+        1.0 / (1.0 + (TUBES * sharpest * strongest).powi(4))
+    }
+
+    /// The bends and the twist as rows.
+    fn resist(
+        &self,
+        rows: &mut Rows,
+        shape: &Shape,
+        v: usize,
+        weight: f64,
+        (wanted, numbers): (&[f64], &[u32]),
+    ) {
+        let normal = shape.directions[v];
+        for (k, share) in Self::WEIGHTS.into_iter().enumerate() {
+            let pairs = wanted.iter().zip(&self.shares);
+            let wanted: f64 = pairs.map(|(height, shares)| height * shares[k]).sum();
+            let own: f64 = -self.shares.iter().map(|shares| shares[k]).sum::<f64>();
+            let around = shape.around(v).iter().zip(&self.shares);
+            let others = around
+                .map(|(&j, shares)| (j as usize, shares[k]))
+                .filter(|(j, _)| numbers[*j] != u32::MAX)
+                .map(|(j, share)| (numbers[j], share * normal.dot(&shape.directions[j])));
+            let residual = self.bends[k] - wanted;
+            rows.push(weight * share, residual, others.chain([(numbers[v], own)]));
+        }
+    }
+}
