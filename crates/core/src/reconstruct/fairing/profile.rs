@@ -1,6 +1,6 @@
 //! Finds relief that stands in profile. Across a view the cone of a silhouette has the object's profile, and only along
-//! the rays is it straight, because nothing was seen there. Where a profile bends sharply to and fro, the faired surface
-//! is to bend as it does. This file moves nothing.
+//! the rays is it straight, because nothing was seen there. Where a profile bends sharply to and fro, the faired
+//! surface is to bend as it does. This file moves nothing.
 
 use super::contour::Contour;
 use super::shape::Shape;
@@ -11,8 +11,8 @@ use rayon::prelude::*;
 const ON_CONE_PX: f64 = 0.75;
 /// Cosine between a ray and the surface's normal up to which the surface is seen in profile.
 const GRAZING: f64 = 0.35;
-/// A relief bends sharply to one side and to the other by turns: so often within so many edges of the mesh to each side.
-/// What bends so once is an edge, a foot or a tube.
+/// A relief bends sharply to one side and to the other by turns: so often, within so many edges of the mesh to each
+/// side. What bends so once is an edge, a foot or a tube.
 const TURNS: usize = 3;
 const EDGES: i32 = 6;
 /// A cone is reached within this many pixels.

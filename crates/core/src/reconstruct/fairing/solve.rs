@@ -1,6 +1,6 @@
 //! Linear least squares over sparse rows: conjugate gradients on the normal equations, preconditioned by their
-//! diagonal (Saad, Iterative Methods for Sparse Linear Systems, 2003, algorithm 9.7). Knows no surface. Each sum is added
-//! up in one order whatever the threads.
+//! diagonal (Saad, Iterative Methods for Sparse Linear Systems, 2003, algorithm 9.7). Knows no surface. Each sum is
+//! added up in one order whatever the threads.
 
 use rayon::prelude::*;
 
