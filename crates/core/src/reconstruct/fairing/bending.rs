@@ -1,6 +1,5 @@
 //! How the surface bends at each vertex, and the equations that resist it. Knows no camera.
 
-use super::rounds::{Bending, Round};
 use super::shape::{Role, Shape};
 use super::solve::Rows;
 use nalgebra::{Matrix3, Vector3};
@@ -16,29 +15,40 @@ const TUBES: f64 = 2.0;
 /// A vertex has no row for what would have less than this share of its weight.
 const LEAST_SHARE: f64 = 0.05;
 
-/// Adds the rows that resist bending. Where `wanted` has heights for a vertex, they are what its neighbours have over
-/// its tangent plane, in metres, if nothing is resisted; elsewhere that is a plane.
+/// Which bends of the surface cost.
+#[derive(Clone, Copy)]
+pub(super) enum Bending {
+    /// Their mean: what bends one way and as much the other way across costs nothing, and what bends one way in both
+    /// directions most, so that the hull's roofs over flat sides go down.
+    Mean,
+    /// Each of them, so that the surface does not ripple beside its edges.
+    Each,
+}
+
+/// Adds the rows that resist bending, less where the surface bends within the radius `sharpest`, in metres. Where
+/// `wanted` has heights for a vertex, they are what its neighbours have over its tangent plane, in metres, if nothing
+/// is resisted; elsewhere that is a plane.
 pub(super) fn resist(
     rows: &mut Rows,
     shape: &Shape,
     wanted: &[Vec<f64>],
     numbers: &[u32],
-    round: Round,
+    (bending, sharpest): (Bending, f64),
 ) {
     let stiffness = STIFFNESS_PX.powi(3).sqrt();
     let vertices = || (0..shape.len()).into_par_iter();
     let bends: Vec<f64> = vertices()
         .map(|v| curvature(shape, v, &wanted[v]).map_or(0.0, |c| c.mean))
         .collect();
-    let paraboloids: Vec<Option<Paraboloid>> = match round.bending {
+    let paraboloids: Vec<Option<Paraboloid>> = match bending {
         Bending::Mean => Vec::new(),
         Bending::Each => vertices().map(|v| Paraboloid::at(shape, v)).collect(),
     };
     for (v, area) in shape.areas().iter().enumerate() {
-        let sharp = (along_a_line(shape, v, &bends) * round.sharpest).powi(2);
+        let sharp = (along_a_line(shape, v, &bends) * sharpest).powi(2);
         let weight = stiffness * area.sqrt() / (1.0 + sharp).powi(2);
         let paraboloid = paraboloids.get(v).and_then(Option::as_ref);
-        let apart = paraboloid.map_or(0.0, |p| p.share_apart(round.sharpest));
+        let apart = paraboloid.map_or(0.0, |p| p.share_apart(sharpest));
         if let Some(paraboloid) = paraboloid.filter(|_| apart > LEAST_SHARE) {
             let weight = weight * apart.sqrt();
             paraboloid.resist(rows, shape, v, weight, (&wanted[v], numbers));

@@ -36,12 +36,13 @@ pub use faired_solid::FairedSolid;
 use super::hull::{self, Hull};
 use super::surface::Lattice;
 use crate::mesh::{self, Mesh};
+use bending::Bending;
 use contour::Contour;
 use nalgebra::Point3;
 use profile::Profiles;
 use rayon::prelude::*;
 use reduced::Reduced;
-use rounds::{Bending, Round};
+use rounds::Round;
 use shape::Shape;
 use sides::Sides;
 

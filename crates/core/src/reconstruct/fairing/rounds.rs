@@ -1,6 +1,6 @@
 //! One estimate: how far each vertex moves, so that the surface bends least and its rims lie on the contours.
 
-use super::bending;
+use super::bending::{self, Bending};
 use super::contour::{Contour, Offset, REACH_PX};
 use super::profile::Profiles;
 use super::shape::{Role, Shape};
@@ -31,16 +31,6 @@ pub(super) struct Round {
     pub(super) bending: Bending,
 }
 
-/// Which bends of the surface cost.
-#[derive(Clone, Copy)]
-pub(super) enum Bending {
-    /// Their mean: what bends one way and as much the other way across costs nothing, and what bends one way in both
-    /// directions most, so that the hull's roofs over flat sides go down.
-    Mean,
-    /// Each of them, so that the surface does not ripple beside its edges.
-    Each,
-}
-
 /// A point of a rim, with the vertices that it lies between.
 pub(super) struct RimPoint {
     pub(super) ends: [u32; 2],
@@ -68,7 +58,8 @@ pub(super) fn fair_once(
     }
     let mut rows = Rows::default();
     let wanted = profiles.heights(shape, contours);
-    bending::resist(&mut rows, shape, &wanted, &numbers, round);
+    let resistance = (round.bending, round.sharpest);
+    bending::resist(&mut rows, shape, &wanted, &numbers, resistance);
     let rims: Vec<Vec<RimPoint>> = contours.par_iter().map(|c| rims(shape, c)).collect();
     for point in rims.iter().flatten() {
         let [i, j] = point.ends.map(|v| v as usize);
