@@ -25,9 +25,9 @@ pub(super) enum Bending {
     Each,
 }
 
-/// Adds the rows that resist bending, less where the surface bends within the radius `sharpest`, in metres. Where
-/// `wanted` has heights for a vertex, they are what its neighbours have over its tangent plane, in metres, if nothing
-/// is resisted; elsewhere that is a plane.
+/// Adds the rows that resist bending, less where the surface bends within the radius `sharpest`, in metres. For each
+/// vertex `wanted` has the heights of its neighbours over its tangent plane, in metres, that cost nothing; where it has
+/// none, that is the plane.
 pub(super) fn resist(
     rows: &mut Rows,
     shape: &Shape,
@@ -156,8 +156,8 @@ struct Paraboloid {
 }
 
 impl Paraboloid {
-    /// What the energy of plates has of the bends and the twist: half the sum of the squared principal curvatures. Over
-    /// a surface without a border that is as much as the squared mean curvature twice, but for a constant.
+    /// Weights of the two bends and of the twist in the energy of plates, a quarter of the sum of the squared principal
+    /// curvatures. Over a surface without a border that is the squared mean curvature, but for a constant.
     const WEIGHTS: [f64; 3] = [0.5, 0.5, 0.5 * SQRT_2];
 
     /// At a vertex that moves along the surface's normal.
@@ -223,5 +223,115 @@ impl Paraboloid {
             let residual = self.bends[k] - wanted;
             rows.push(weight * share, residual, others.chain([(numbers[v], own)]));
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::mesh::Mesh;
+    use nalgebra::Point3;
+    use std::f64::consts::TAU;
+
+    /// The radius of a ring's middle line, and of its tube.
+    const RING: f64 = 0.08;
+    const TUBE: f64 = 0.015;
+    const AROUND: usize = 296;
+    const ACROSS: usize = 48;
+
+    /// A ring that floats over the table, of triangles whose sides are about equal.
+    fn ring() -> Shape {
+        let point = |i: usize| {
+            let (row, column) = (i / ACROSS, i % ACROSS);
+            let turn = TAU * row as f64 / AROUND as f64;
+            let lift = TAU * (column as f64 + 0.5 * (row % 2) as f64) / ACROSS as f64;
+            let radius = RING + TUBE * lift.cos();
+            let z = 0.05 + TUBE * lift.sin();
+            Point3::new(radius * turn.cos(), radius * turn.sin(), z).cast::<f32>()
+        };
+        let quad = |i: usize| {
+            let (turn, lift) = (i / ACROSS, i % ACROSS);
+            let at = |turn: usize, lift: usize| (turn % AROUND * ACROSS + lift % ACROSS) as u32;
+            let [a, b] = [at(turn, lift), at(turn + 1, lift)];
+            let [c, d] = [at(turn + 1, lift + 1), at(turn, lift + 1)];
+            match turn % 2 {
+                0 => [[a, b, d], [b, c, d]],
+                _ => [[a, b, c], [a, c, d]],
+            }
+        };
+        let mesh = Mesh {
+            vertices: (0..AROUND * ACROSS).map(point).collect(),
+            triangles: (0..AROUND * ACROSS).flat_map(quad).collect(),
+        };
+        Shape::new(&mesh, 0.0, 1e-4)
+    }
+
+    /// A vertex where the ring bends both ways, and one where it bends one way.
+    const INNERMOST: usize = ACROSS / 2;
+    const OUTERMOST: usize = 0;
+
+    #[test]
+    fn the_two_bends_of_a_ring_are_told_apart() {
+        let shape = ring();
+        for (v, along) in [
+            (INNERMOST, 1.0 / (RING - TUBE)),
+            (OUTERMOST, -1.0 / (RING + TUBE)),
+        ] {
+            let [a, b, twist] = Paraboloid::at(&shape, v).unwrap().bends;
+            let (middle, apart) = (0.5 * (a + b), (0.5 * (a - b)).hypot(twist));
+            let (least, most) = (middle - apart, middle + apart);
+            // What holds the fit flat takes up to half of a bend.
+            let is_most_of = |found: f64, bend: f64| (0.5..=1.0).contains(&(found / bend));
+            assert!(is_most_of(least, -1.0 / TUBE), "{least}");
+            assert!(is_most_of(most, along), "{most} instead of {along}");
+        }
+    }
+
+    /// The sum of the squares of a problem's rows where nothing moves.
+    fn cost(shape: &Shape, wanted: &[Vec<f64>], bending: Bending) -> f64 {
+        let mut rows = Rows::default();
+        let numbers: Vec<u32> = (0..shape.len() as u32).collect();
+        resist(&mut rows, shape, wanted, &numbers, (bending, 0.0));
+        rows.cost()
+    }
+
+    #[test]
+    fn what_bends_both_ways_costs_more_where_bends_cost_apart() {
+        let shape = ring();
+        let flat = vec![Vec::new(); shape.len()];
+        let mean = cost(&shape, &flat, Bending::Mean);
+        let each = cost(&shape, &flat, Bending::Each);
+        // Over a closed ring the two are the same, but for what holds the fits flat: a quarter of a saddle's bends.
+        assert!((0.5..1.0).contains(&(each / mean)), "{each} {mean}");
+        let at = |v: usize| {
+            let [a, b, twist] = Paraboloid::at(&shape, v).unwrap().bends;
+            0.25 * (a * a + b * b + 2.0 * twist * twist) / (0.25 * (a + b).powi(2))
+        };
+        assert!(at(INNERMOST) > 1.1, "{}", at(INNERMOST));
+        assert!(at(OUTERMOST) < 0.9, "{}", at(OUTERMOST));
+    }
+
+    #[test]
+    fn the_form_that_is_wanted_costs_nothing() {
+        let shape = ring();
+        let heights = |v: usize| {
+            let (p, normal) = (shape.positions[v], shape.directions[v]);
+            let around = shape.around(v).iter();
+            let height = |&j: &u32| normal.dot(&(shape.positions[j as usize] - p));
+            around.map(height).collect()
+        };
+        let wanted: Vec<Vec<f64>> = (0..shape.len()).map(heights).collect();
+        for bending in [Bending::Mean, Bending::Each] {
+            let flat = cost(&shape, &vec![Vec::new(); shape.len()], bending);
+            let left = cost(&shape, &wanted, bending);
+            assert!(left < 1e-12 * flat, "{left} of {flat}");
+        }
+    }
+
+    #[test]
+    fn on_a_thin_tube_bends_count_together() {
+        let paraboloid = Paraboloid::at(&ring(), INNERMOST).unwrap();
+        assert!(paraboloid.share_apart(0.2 * TUBE) > 0.9);
+        assert!(paraboloid.share_apart(2.0 * TUBE) < 0.1);
     }
 }

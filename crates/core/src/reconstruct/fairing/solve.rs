@@ -4,8 +4,8 @@
 
 use rayon::prelude::*;
 
-/// Rows and columns that one thread takes at least.
-const TAKEN: usize = 4096;
+/// A thread takes at least so many rows or columns.
+const FEWEST_ROWS: usize = 4096;
 
 /// Rows of a least-squares problem: minimise Σ (Σ_j a_ij x_j + r_i)².
 #[derive(Default)]
@@ -44,14 +44,20 @@ impl Rows {
             .zip(self.values[range].iter().copied())
     }
 
+    /// The sum of squares at x = 0.
+    #[cfg(test)]
+    pub(super) fn cost(&self) -> f64 {
+        self.residuals.iter().map(|r| r * r).sum()
+    }
+
     /// A x.
     fn times(&self, x: &[f64], out: &mut [f64]) {
         let of = |row: usize| self.entries(row).map(|(j, a)| a * x[j]).sum();
-        let rows = out.par_iter_mut().with_min_len(TAKEN).enumerate();
+        let rows = out.par_iter_mut().with_min_len(FEWEST_ROWS).enumerate();
         rows.for_each(|(row, out)| *out = of(row));
     }
 
-    /// The same values by columns: of each, its rows in ascending order are rows here.
+    /// Aᵀ, whose rows have their entries in ascending order.
     fn transposed(&self, columns: usize) -> Self {
         let mut starts = vec![0_u32; columns + 1];
         for &column in &self.columns {
