@@ -157,7 +157,7 @@ mod long {
 
     #[test]
     fn each_capture_more_does_good_and_found_poses_are_as_good_as_true_ones() {
-        let models = Models::of(session(Shape::Mug, false, 640, "upright,flip,side:35", 11));
+        let models = Models::of(session(Shape::Mug, false, 640, "upright,flip", 11));
         models.print();
         let problems = models.problems();
         assert!(problems.is_empty(), "{problems:?}: {}", models.words);

@@ -320,8 +320,8 @@ mod long {
 
     #[test]
     fn an_egg_is_as_good_as_promised() {
-        let captured = (1..=3).map(|seed| Captured::new(Shape::Egg, seed, 1280, Errors::default()));
-        assert_none(captured.map(|captured| captured.misses(&EGG)));
+        let captured = Captured::new(Shape::Egg, 1, 1280, Errors::default());
+        assert_none(std::iter::once(captured.misses(&EGG)));
     }
 
     #[test]
@@ -332,9 +332,8 @@ mod long {
 
     #[test]
     fn a_prism_is_as_good_as_promised() {
-        let captured =
-            (1..=3).map(|seed| Captured::new(Shape::Prism, seed, 1280, Errors::default()));
-        assert_none(captured.map(|captured| captured.misses(&PRISM)));
+        let captured = Captured::new(Shape::Prism, 1, 1280, Errors::default());
+        assert_none(std::iter::once(captured.misses(&PRISM)));
     }
 
     #[test]
@@ -351,14 +350,12 @@ mod long {
 
     #[test]
     fn no_method_is_worse_for_fairing() {
-        for shape in [Shape::Cup, Shape::Mug] {
-            let captured = Captured::new(shape, 1, 960, Errors::default());
-            let methods = [Method::Hull, Method::Hybrid, Method::DepthHull];
-            assert_none(
-                methods
-                    .iter()
-                    .map(|&method| captured.worse_when_faired(method)),
-            );
-        }
+        let captured = Captured::new(Shape::Cup, 1, 960, Errors::default());
+        let methods = [Method::Hull, Method::Hybrid, Method::DepthHull];
+        assert_none(
+            methods
+                .iter()
+                .map(|&method| captured.worse_when_faired(method)),
+        );
     }
 }
