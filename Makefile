@@ -3,10 +3,10 @@
 CARGO ?= cargo
 RECORDING ?= recordings/cup.mcap
 
-# The test programs that differ with the features of the rig; `make check` runs the others.
-RIG_TESTS = $(addprefix --test ,digests fleet gige openni2 rig service workers)
+# All that an installed system is made of: the tests are built with it, once.
+FEATURES = rig,page,fleet
 
-.PHONY: help demo rig-demo ui page-demo page-test page-bench page-load fleet-test fleet-bench fleet-presses fuse-times fleet-simulation fleet-demo deps check test calibration-trial calibration-against-opencv error-trial surface-trial verdict-trial fusion-trial bench deb deb-test rig-vm torture interop kinect-driver
+.PHONY: help demo rig-demo ui page-demo page-test page-bench page-load fleet-test fleet-bench fleet-presses fuse-times fleet-simulation fleet-demo deps lint check test calibration-trial calibration-against-opencv error-trial surface-trial verdict-trial fusion-trial bench deb deb-test rig-vm torture interop kinect-driver
 
 help: ## list the targets
 	@sed -n 's/^\([a-z-]*\):.*## /\1\t/p' $(MAKEFILE_LIST) | expand -t 16
@@ -62,19 +62,22 @@ fleet-demo: ## a server, a simulated rig and two workers on this machine, then a
 deps: ## install what the tests need beyond Rust and a C compiler (as root on Debian)
 	tests/deps.sh
 
-check: ## all checks without root or a camera library: format, clippy, documentation, licences, spelling, short default tests
-	@CARGO=$(CARGO) scripts/check.sh
+lint: ## format, spelling, licences, clippy over each combination of features, and documentation, without root
+	@CARGO=$(CARGO) scripts/lint.sh
 
-test: deps check ## the gate: install what the tests need, then `check`, then the long tests, the rig's and the page's
-	scripts/part.sh "tests, without the laboratory" $(CARGO) test --locked --package scand --no-default-features --lib --quiet absent::
-	scripts/part.sh "tests, long" $(CARGO) test --locked --workspace --quiet -- long::
+check: lint ## what needs neither root nor a camera library: `lint`, then the short tests with the default features
+	scripts/part.sh "tests, default features" $(CARGO) test --locked --workspace --quiet -- --skip long::
+
+test: deps lint ## the gate: install what the tests need, then `lint`, then all tests, the rig's and the page's among them
 	if command -v npm >/dev/null; then scripts/part.sh "the page's files" $(MAKE) ui; fi
-	scripts/part.sh "tests, rig" $(CARGO) test --locked --package scand --package scand-lab --features rig,page,fleet --lib --bins $(RIG_TESTS)
+	scripts/part.sh "tests, built" $(CARGO) test --locked --workspace --features $(FEATURES) --no-run
+	scripts/part.sh "tests" $(CARGO) test --locked --workspace --features $(FEATURES)
+	scripts/part.sh "tests, without the laboratory" $(CARGO) test --locked --package scand --no-default-features --features $(FEATURES) --lib --quiet absent::
 	scripts/part.sh "tests, page" scripts/page-test.sh
 
 calibration-trial: ## calibrate rendered sessions with and without faults, print the messages, and hold stated errors against true ones (SCAND_TRIAL=full for 5 megapixels)
 	$(CARGO) test --release --locked --test offline -- calibration_trial:: stated_uncertainties_hold_over_many_sessions --ignored --nocapture --test-threads 1
-	$(CARGO) test --release --locked --package scand-core --lib -- fit::trial_tests:: --ignored --nocapture --test-threads 1
+	$(CARGO) test --release --locked --package scand-core --lib -- calibration::fit:: --ignored --nocapture --test-threads 1
 
 calibration-against-opencv: ## calibrate the same pictures with scand and OpenCV: residuals, focal lengths, times (PICTURES=FOLDER or a recording, else simulated; RUNS=3; SCAND=PROGRAM needs no build)
 	$(if $(SCAND),,$(CARGO) build --release --locked)

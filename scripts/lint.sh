@@ -1,8 +1,7 @@
 #!/usr/bin/env bash
-# `make check`: what needs neither root nor an installed camera library. Format, spelling, clippy over each combination
-# of features, licences, documentation, and the tests of the default features. A combination whose system library is
-# missing is named as skipped; SCAND_REQUIRE_ALL=1 makes that a failure. Tests in modules named `long` take more than ten
-# seconds each; `make test` runs those as well.
+# `make lint`: what needs neither root nor an installed camera library, nor runs the program. Format, spelling, clippy
+# over each combination of features, licences and documentation. A combination whose system library is missing is named
+# as skipped; SCAND_REQUIRE_ALL=1 makes that a failure.
 set -euo pipefail
 cd "$(dirname "$0")/.."
 cargo=${CARGO:-cargo}
@@ -14,7 +13,7 @@ part() { scripts/part.sh "$@"; }
 # Says what is not checked, and what is missing for it.
 skip() {
 	echo "skipped: $1: $2" >&2
-	[ "${SCAND_REQUIRE_ALL:-}" != 1 ] || { echo "check: SCAND_REQUIRE_ALL=1 allows no skip" >&2 && exit 1; }
+	[ "${SCAND_REQUIRE_ALL:-}" != 1 ] || { echo "lint: SCAND_REQUIRE_ALL=1 allows no skip" >&2 && exit 1; }
 }
 
 has_aravis() { pkg-config --exists 'aravis-0.8 >= 0.8.25' 2>/dev/null; }
@@ -24,11 +23,12 @@ has_libclang() {
 	[ -n "${LIBCLANG_PATH:-}" ] || ldconfig -p 2>/dev/null | grep -q 'libclang[-.]' || compgen -G '/usr/lib/llvm*/lib/libclang*.so*' >/dev/null
 }
 
-# Clippy with these features, over the targets that cargo's options name.
+# Clippy of the package with these features, over the targets that cargo's options name. What it is built on is checked
+# with it, and again if features of a library that both use differ.
 lint() {
 	local features=$1
 	shift
-	part "clippy, ${features:-default}" "$cargo" clippy --locked --workspace "$@" ${features:+--features "$features"} -- -D warnings
+	part "clippy, $features" "$cargo" clippy --locked --package scand "$@" --features "$features" -- -D warnings
 }
 
 # Clippy of the package alone, without the laboratory, with these features: what an installed program is.
@@ -41,7 +41,7 @@ narrow_comments() {
 	local wide
 	wide=$(find src tests benches fuzz build.rs crates -name '*.rs' -not -path '*/target/*' -exec grep -Hn '^ *//' {} + 2>/dev/null |
 		LC_ALL=C.UTF-8 sed -nE '/^[^:]*:[0-9]*:.{121}/p' || true)
-	[ -z "$wide" ] || { printf 'check: comments are wrapped at 120 columns:\n%s\n' "$wide" >&2 && return 1; }
+	[ -z "$wide" ] || { printf 'lint: comments are wrapped at 120 columns:\n%s\n' "$wide" >&2 && return 1; }
 }
 
 # The package typos on PyPI has the program; installing it takes two seconds.
@@ -61,7 +61,7 @@ spelling() {
 licences() {
 	local folder=target/tools
 	if ! $folder/bin/cargo-deny --version 2>/dev/null | grep -qwF "$deny_version"; then
-		part "cargo-deny, built once" env CARGO_PROFILE_RELEASE_OPT_LEVEL=1 CARGO_PROFILE_RELEASE_LTO=off \
+		part "cargo-deny, built once" env CARGO_PROFILE_RELEASE_OPT_LEVEL=0 CARGO_PROFILE_RELEASE_LTO=off \
 			"$cargo" install cargo-deny --version "$deny_version" --locked --root $folder --target-dir $folder/build --quiet
 		rm -rf $folder/build
 	fi
@@ -73,13 +73,14 @@ narrow_comments
 spelling
 licences
 
-lint "" --all-targets
+# Those that need the same libraries with the same features stand together: they are checked once.
+part "clippy, default" "$cargo" clippy --locked --workspace --all-targets -- -D warnings
 lint live --all-targets
 lint pedal --lib --bins
 lint openni2 --lib --bins
+lint_installed ""
 lint page --lib --bins
 lint fleet --all-targets
-lint_installed ""
 lint_installed fleet
 documented=live
 if has_aravis; then
@@ -93,11 +94,10 @@ else
 	skip "clippy, v4l2" "there is no libclang (libclang-dev)"
 fi
 if has_aravis && has_libclang; then
-	lint rig,page,fleet --all-targets
+	lint rig,page,fleet --package scand-lab --all-targets
 	lint_installed rig,page,fleet
 	documented=rig,page,fleet
 else
 	skip "clippy, rig" "it wants aravis and libclang"
 fi
 part "documentation" env RUSTDOCFLAGS="-D warnings" "$cargo" doc --locked --workspace --no-deps --features "$documented"
-part "tests, default features" "$cargo" test --locked --workspace --quiet -- --skip long::
