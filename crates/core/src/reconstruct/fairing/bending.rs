@@ -279,11 +279,11 @@ mod tests {
         ] {
             let [a, b, twist] = Paraboloid::at(&shape, v).unwrap().bends;
             let (middle, apart) = (0.5 * (a + b), (0.5 * (a - b)).hypot(twist));
-            let (least, most) = (middle - apart, middle + apart);
-            // What holds the fit flat takes up to half of a bend.
-            let is_most_of = |found: f64, bend: f64| (0.5..=1.0).contains(&(found / bend));
-            assert!(is_most_of(least, -1.0 / TUBE), "{least}");
-            assert!(is_most_of(most, along), "{most} instead of {along}");
+            // What holds the fit flat takes some of each.
+            let is_most_of = |found: f64, bend: f64| (0.6..=1.0).contains(&(found / bend));
+            let across = -1.0 / TUBE;
+            assert!(is_most_of(middle, 0.5 * (across + along)), "{middle}");
+            assert!(is_most_of(apart, 0.5 * (along - across)), "{apart}");
         }
     }
 
