@@ -119,8 +119,9 @@ fn a_fisheye_lens_is_named_and_a_lens_that_its_model_fits_is_not() {
     assert!(told(140.0, &[0.1], 4).iter().all(|t| t.is_named));
 }
 
-/// Holds what is said of lenses that the model fits, and of those beyond it, in degrees.
-fn hold(fitted: &[f64], beyond: &[f64]) {
+/// Checks what is said of lenses of these degrees: those that the model fits are not named, and those beyond it are not
+/// trusted.
+fn check(fitted: &[f64], beyond: &[f64]) {
     for &wide in fitted {
         let sound = told(wide, &[0.03, 0.1, 0.2], 6);
         assert!(sound.iter().all(|t| !t.is_named));
@@ -136,12 +137,12 @@ fn hold(fitted: &[f64], beyond: &[f64]) {
 #[test]
 #[ignore = "fourteen lenses take two minutes: make calibration-trial"]
 fn the_wider_a_fisheye_lens_the_less_it_is_trusted() {
-    hold(&[50.0, 60.0, 70.0, 80.0], &[]);
+    check(&[50.0, 60.0, 70.0, 80.0], &[]);
     // Between the two, what is said may be either.
     for wide in [90.0, 100.0, 110.0] {
         told(wide, &[0.03, 0.1, 0.2], 6);
     }
-    hold(&[], &[120.0, 130.0, 140.0, 150.0, 160.0, 170.0, 180.0]);
+    check(&[], &[120.0, 130.0, 140.0, 150.0, 160.0, 170.0, 180.0]);
 }
 
 /// Tests of more than ten seconds: `make check` leaves them to `make test`.
@@ -150,6 +151,6 @@ mod long {
 
     #[test]
     fn a_moderate_lens_is_not_named_and_a_fisheye_lens_is_not_trusted() {
-        hold(&[80.0], &[120.0, 150.0, 180.0]);
+        check(&[80.0], &[120.0, 150.0, 180.0]);
     }
 }

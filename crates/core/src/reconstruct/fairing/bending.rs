@@ -301,7 +301,7 @@ mod tests {
         let flat = vec![Vec::new(); shape.len()];
         let mean = cost(&shape, &flat, Bending::Mean);
         let each = cost(&shape, &flat, Bending::Each);
-        // Over a closed ring the two are the same, but for what holds the fits flat: a quarter of a saddle's bends.
+        // Over a closed ring the two are the same, but for what holds the fits flat.
         assert!((0.5..1.0).contains(&(each / mean)), "{each} {mean}");
         let at = |v: usize| {
             let [a, b, twist] = Paraboloid::at(&shape, v).unwrap().bends;
