@@ -1,5 +1,6 @@
-//! Medians and quantiles, each with its convention in its name: which of two middle values is taken, and whether
-//! values are interpolated. The bytes of models depend on it. Values are ordered as by `total_cmp`.
+//! Medians and quantiles, each with its convention in its name (which of two middle values is taken, and whether
+//! values are interpolated), and estimates that are drawn towards zero. The bytes of models depend on it. Values are
+//! ordered as by `total_cmp`.
 
 use std::cmp::Ordering;
 
@@ -68,6 +69,15 @@ pub fn interpolated_quantile(ascending: &[f64], share: f64) -> Option<f64> {
     Some(ascending[below] + (ascending[above] - ascending[below]) * at.fract())
 }
 
+/// An estimate drawn towards zero by as much as its standard error makes it doubtful: the positive part of James and
+/// Stein's estimator. An estimate within its error counts as zero.
+pub fn shrunk(estimate: f64, error: f64) -> f64 {
+    if estimate == 0.0 {
+        return 0.0;
+    }
+    estimate * (1.0 - (error / estimate).powi(2)).max(0.0)
+}
+
 /// The value that has this place in ascending order, counted from 0.
 fn ranked<T: Number>(values: &mut [T], rank: usize) -> Option<T> {
     (rank < values.len()).then(|| *values.select_nth_unstable_by(rank, T::order).1)
@@ -110,6 +120,13 @@ mod tests {
         assert_eq!(nearest_rank_quantile::<f32>(&mut [], 0.5), None);
         assert_eq!(upper_quantile::<f32>(&mut [], 0.5), None);
         assert_eq!(interpolated_quantile(&[], 0.5), None);
+    }
+
+    #[test]
+    fn a_doubtful_estimate_is_none_and_a_clear_one_stays() {
+        assert_eq!(shrunk(0.2e-3, 0.3e-3), 0.0);
+        assert_eq!(shrunk(0.0, 0.3e-3), 0.0);
+        assert!((shrunk(-8e-3, 0.3e-3) + 8e-3).abs() < 2e-5);
     }
 
     /// Tenths have no exact binary form; their ranks are those of whole numbers all the same.

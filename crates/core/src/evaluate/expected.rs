@@ -36,7 +36,7 @@ pub struct Expected {
 
 impl Expected {
     /// Sums up pairs of an expected and an actual error, in millimetres; `None` where there are none.
-    pub(super) fn of(pairs: &[(f64, f64)]) -> Option<Self> {
+    pub fn of(pairs: &[(f64, f64)]) -> Option<Self> {
         let stated: Vec<f64> = pairs.iter().map(|p| p.0).collect();
         let errors: Vec<f64> = pairs.iter().map(|p| p.1).collect();
         let actual = Sorted::new(errors.iter().copied());

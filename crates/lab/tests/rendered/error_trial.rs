@@ -1,8 +1,11 @@
 //! Tests whether the errors that models state are right: shapes, rigs and seeds, each reconstructed, compared with the
 //! truth and pooled by provenance. `make error-trial` runs all of them and prints a table, the tests some small ones.
 
+use nalgebra::Point3;
+use rayon::prelude::*;
 use scand_core::evaluate::load::LoadedModel;
 use scand_core::evaluate::{self, Expected, evaluate};
+use scand_core::mesh::Bvh;
 use scand_core::reconstruct::{self, NoProgress, Provenance, reconstruct};
 use scand_lab::{Options, Shape, Simulation};
 
@@ -34,14 +37,21 @@ impl Run {
         self
     }
 
-    /// What the model states and what is, of the whole and by provenance.
-    fn expected(&self) -> (Expected, Vec<(Provenance, Expected)>) {
+    /// What the model states and what is.
+    fn found(&self) -> Found {
         let simulation = Simulation::new(self.options.clone()).unwrap();
         let mut parameters = reconstruct::Parameters::default();
         parameters.hull.resolution = self.resolution;
         let model = reconstruct(&simulation.scene(0), &parameters, &NoProgress)
             .unwrap()
             .model;
+        let truth = Bvh::new(simulation.truth());
+        let of_vertex = |p: &Point3<f32>| truth.closest_point(p.cast()).unwrap().distance;
+        let actual = model.mesh.vertices.par_iter().map(of_vertex);
+        let actual = actual.collect::<Vec<f64>>().into_iter();
+        let stated = model.expected_error.iter().map(|&stated| f64::from(stated));
+        let pairs = stated.zip(actual).map(|(s, a)| (1e3 * s, 1e3 * a));
+        let vertices = model.provenance.iter().copied().zip(pairs).collect();
         let model = LoadedModel {
             mesh: model.mesh,
             provenance: Some(model.provenance),
@@ -55,8 +65,20 @@ impl Run {
         let found = evaluate(&model, simulation.truth(), &parameters).unwrap();
         let parts = found.by_provenance.into_iter();
         let parts = parts.filter_map(|part| Some((part.provenance, part.figures.expected?)));
-        (found.whole.expected.unwrap(), parts.collect())
+        Found {
+            whole: found.whole.expected.unwrap(),
+            parts: parts.collect(),
+            vertices,
+        }
     }
+}
+
+/// What a model states and what is.
+struct Found {
+    whole: Expected,
+    parts: Vec<(Provenance, Expected)>,
+    /// The stated and the actual error of each vertex, in millimetres.
+    vertices: Vec<(Provenance, (f64, f64))>,
 }
 
 /// What was found of one provenance in all runs together, each sample counting the same.
@@ -68,6 +90,8 @@ struct Pool {
     within: f64,
     beyond: f64,
     worst_ratio: f64,
+    /// The stated and the actual error of each vertex, in millimetres.
+    vertices: Vec<(f64, f64)>,
 }
 
 impl Pool {
@@ -86,13 +110,21 @@ impl Pool {
         }
     }
 
-    fn join(&mut self, other: &Self) {
+    fn join(&mut self, other: Self) {
         self.samples += other.samples;
         self.stated += other.stated;
         self.actual += other.actual;
         self.within += other.within;
         self.beyond += other.beyond;
         self.worst_ratio = self.worst_ratio.max(other.worst_ratio);
+        self.vertices.extend(other.vertices);
+    }
+
+    /// How the ranks of stated and actual errors of all vertices correlate, and how much the actual ones spread: the
+    /// largest tenth over the smallest.
+    fn rank_and_spread(&self) -> Option<(f64, f64)> {
+        let all = Expected::of(&self.vertices)?;
+        Some((all.rank_correlation?, all.actual_spread?))
     }
 
     fn ratio(&self) -> f64 {
@@ -100,8 +132,9 @@ impl Pool {
     }
 
     fn line(&self) -> String {
+        let (rank, spread) = self.rank_and_spread().unwrap_or((f64::NAN, f64::NAN));
         format!(
-            "stated {:.2} mm, actual {:.2} mm, ratio {:.2} (worst run {:.2}), within {:.0} %, beyond three times {:.1} %",
+            "stated {:.2} mm, actual {:.2} mm, ratio {:.2} (worst run {:.2}), within {:.0} %, beyond three times {:.1} %, rank {rank:.2}, spread {spread:.1}",
             self.stated / self.samples,
             self.actual / self.samples,
             self.ratio(),
@@ -139,16 +172,23 @@ fn pooled(runs: &[Run]) -> Vec<(Provenance, Pool)> {
             ..
         } = run.options;
         let name = format!("{shape:?}, seed {seed}, {cameras} + {depth_cameras} cameras");
-        let (whole, parts) = run.expected();
-        println!("shown: {name}, whole: {}", line_of(&whole));
-        for (provenance, expected) in parts {
+        let found = run.found();
+        println!("shown: {name}, whole: {}", line_of(&found.whole));
+        for (provenance, expected) in found.parts {
             println!("shown: {name}, {provenance:?}: {}", line_of(&expected));
-            let mut pool = pools.iter_mut().filter(|(p, _)| *p == provenance);
-            pool.next().unwrap().1.add(&expected);
+            pool_of(&mut pools, provenance).add(&expected);
+        }
+        for (provenance, pair) in found.vertices {
+            pool_of(&mut pools, provenance).vertices.push(pair);
         }
     }
     show(&pools);
     pools
+}
+
+fn pool_of(pools: &mut [(Provenance, Pool)], provenance: Provenance) -> &mut Pool {
+    let mut pool = pools.iter_mut().filter(|(p, _)| *p == provenance);
+    &mut pool.next().unwrap().1
 }
 
 fn show(pools: &[(Provenance, Pool)]) {
@@ -186,6 +226,23 @@ fn hold_others(pools: &[(Provenance, Pool)]) {
     }
 }
 
+/// What is demanded of many runs: places that state more are farther off. Of what depth restored or bridged this does
+/// not hold yet: there the errors are those of the camera's fixed pattern, and one place states much what another does.
+fn hold_ranks(pools: &[(Provenance, Pool)]) {
+    for (provenance, pool) in pools {
+        let is_held = matches!(
+            provenance,
+            Provenance::Hull | Provenance::Carved | Provenance::Unseen
+        );
+        if let Some((rank, spread)) = pool.rank_and_spread()
+            && is_held
+            && spread > 5.0
+        {
+            assert!(rank >= 0.3, "{provenance:?}: {}", pool.line());
+        }
+    }
+}
+
 /// Shapes that constants of the hull's stated error were set on, with other seeds than the trial's.
 const TUNED: [Shape; 9] = [
     Shape::Box,
@@ -217,12 +274,13 @@ fn error_trial() {
     let mut pools = pooled(&tuned);
     println!("shown: other shapes");
     for ((_, pool), (_, other)) in pools.iter_mut().zip(pooled(&others)) {
-        pool.join(&other);
+        pool.join(other);
     }
     println!("shown: all");
     show(&pools);
     hold_hull(&pools, 0.85);
     hold_others(&pools);
+    hold_ranks(&pools);
 }
 
 /// Tests of more than ten seconds: `make check` leaves them to `make test`.

@@ -23,6 +23,9 @@ use crate::reconstruct::DepthView;
 use burst::{Burst, Fused};
 use rayon::prelude::*;
 
+/// What is left of the noise of a single reading, on a surface that many neighbours make. A bias they share stays.
+pub const OF_READING: f32 = 0.55;
+
 /// Why a burst cannot be enhanced.
 #[derive(Debug, thiserror::Error, PartialEq)]
 #[allow(missing_docs, reason = "the messages say what the fields are")]

@@ -6,7 +6,7 @@ use super::front::{HullRenderings, stands_on_table};
 use crate::calibration::{DepthCamera, Volume};
 use crate::image::{Grid, Mask};
 use crate::reconstruct::DepthView;
-use crate::statistics::{lower_median, upper_median, upper_quantile};
+use crate::statistics::{lower_median, shrunk, upper_median, upper_quantile};
 use nalgebra::{Point2, Point3};
 
 /// An offset of the depth.
@@ -59,6 +59,7 @@ impl Bias {
             .map(|(found, error)| (found, error, BiasSource::Table))
             .or_else(|| from_hull().map(|(found, error)| (found, error, BiasSource::Hull)))
             .unwrap_or((0.0, allowed, BiasSource::None));
+        // An offset that is not there would be added to the depth, and not subtracted.
         let metres = shrunk(found, remaining).clamp(-allowed, allowed);
         Self {
             metres,
@@ -77,16 +78,6 @@ pub fn stated_bias(camera: &DepthCamera, parameters: &Parameters) -> f64 {
     } else {
         1e-3 * f64::from(parameters.unstated_uncertainty_mm)
     }
-}
-
-/// An estimate drawn towards zero by as much as its error makes it doubtful: the positive part of James and Stein's
-/// estimator. An offset within its error counts as zero; otherwise it might be added to the depth rather than
-/// subtracted.
-fn shrunk(found: f64, error: f64) -> f64 {
-    if found == 0.0 {
-        return 0.0;
-    }
-    found * (1.0 - (error / found).powi(2)).max(0.0)
 }
 
 /// The median distance of readings around the object behind the table's plane, and its error: how much it
@@ -251,13 +242,6 @@ fn spread_of(mut values: Vec<f32>) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn a_doubtful_offset_is_none_and_a_clear_one_stays() {
-        assert_eq!(shrunk(0.2e-3, 0.3e-3), 0.0);
-        assert_eq!(shrunk(0.0, 0.3e-3), 0.0);
-        assert!((shrunk(-8e-3, 0.3e-3) + 8e-3).abs() < 2e-5);
-    }
 
     #[test]
     fn spread_is_that_of_most_values() {

@@ -2,7 +2,7 @@
 
 use super::{Source, Template};
 use crate::mesh::vertex_normals;
-use crate::reconstruct::depth::DepthKind;
+use crate::reconstruct::depth::{DepthKind, OF_READING};
 use crate::reconstruct::hull::{Hull, carving_of, is_floor};
 use crate::reconstruct::surface::{Constraint, Surface};
 use crate::reconstruct::{Model, Provenance};
@@ -19,9 +19,6 @@ const STEP_PX: f32 = 4.0;
 /// anywhere between the wall and the hull's far side: on most objects it is near the wall, and in a vase whose neck is
 /// narrower than its belly on the far side.
 const SHADOWED: f32 = 0.28;
-
-/// What is left of the noise of a single reading, on a surface that many neighbours make. A bias they share stays.
-const OF_READING: f32 = 0.55;
 
 /// Makes a model of a surface of the template's hull carved by the depth of `sources` with regions, in their order.
 pub(super) fn describe(surface: Surface, template: &Template, sources: &[Source]) -> Model {

@@ -1,12 +1,13 @@
 //! The expected error of the hull's vertices, from the silhouettes around each. `touch` finds the viewing edge through
 //! a vertex and where the true surface touches it, `depth_of_surface` computes how far the surface then lies beneath
-//! the vertex, `readings` tells what depth cameras read of it, `hollow` what may hide beneath a lid, `cut` where the
-//! volume cuts the object, and `patches` spreads the results of some vertices over all. `outside` states before any
-//! carving what silhouettes alone leave open. `unrequired` marks whole pieces that no silhouette requires. Nothing here
-//! moves a vertex.
+//! the vertex, `readings` tells what depth cameras read of it, `disagreement` by how much they contradict it, `hollow`
+//! what may hide beneath a lid, `cut` where the volume cuts the object, and `patches` spreads the results of some
+//! vertices over all. `outside` states before any carving what silhouettes alone leave open. `unrequired` marks whole
+//! pieces that no silhouette requires. Nothing here moves a vertex.
 
 mod cut;
 mod depth_of_surface;
+mod disagreement;
 mod hollow;
 mod outside;
 mod patches;
@@ -21,6 +22,7 @@ use super::hull::Hull;
 use super::{Model, Provenance};
 use crate::mesh::{Bvh, Mesh};
 use cut::Outlined;
+use disagreement::disagreement;
 pub use hollow::may_be_lid;
 use nalgebra::{Point3, Vector3};
 pub use outside::OutsideErrors;
@@ -241,9 +243,9 @@ impl Evidence<'_> {
         along.map(|(camera, _)| camera)
     }
 
-    /// What is expected at a place: of the outside, half of how far the object is at most where a hollow may hide or
-    /// the volume cuts the object, and half the way to where a depth camera read it. `known` are the places that
-    /// outlines bound.
+    /// What is expected at a place: what outlines let expect of the outside, or what depth cameras show it to be off if
+    /// that is more; half of how far the object is at most where a hollow may hide or the volume cuts the object; and
+    /// half the way to where a depth camera read it. `known` are the places that outlines bound.
     fn stated(&self, place: &Place, known: &[Outlined]) -> Stated {
         let Place { point, normal, .. } = *place;
         let own = place.outlined();
@@ -264,6 +266,7 @@ impl Evidence<'_> {
         } else {
             0.0
         };
+        let of_outside = of_outside.max(disagreement(point, normal, &self.readings));
         let beneath = beneath(point, normal, &self.readings).unwrap_or(0.0);
         Stated {
             error: of_outside.hypot(0.5 * hidden.hypot(beneath)),

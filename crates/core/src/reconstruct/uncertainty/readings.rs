@@ -8,8 +8,8 @@ use nalgebra::{Point3, Vector3};
 
 /// Standard errors of a reading within which it may be of a place.
 const NOISE: f32 = 3.0;
-/// Pixels around a place of which none may be nearer than what is read beneath it: beside a step, a reading may be of
-/// either side.
+/// Pixels around a place that count: of those none may be nearer than what is read beneath it, for beside a step, a
+/// reading may be of either side.
 const AROUND_PX: isize = 2;
 
 /// What a depth camera read.
@@ -24,13 +24,13 @@ pub struct Readings<'a> {
 
 impl Readings<'_> {
     /// Depth of a pixel's reading in metres, less its bias.
-    fn read(&self, x: isize, y: isize) -> Option<f32> {
+    pub(super) fn read(&self, x: isize, y: isize) -> Option<f32> {
         let depth = self.depth.reading(x, y)?;
         Some(depth - self.regions.bias.metres as f32)
     }
 
     /// By how many metres of depth a pixel's reading may be off from a place of the hull that it shows.
-    fn doubt(&self, x: usize, y: usize) -> f32 {
+    pub(super) fn doubt(&self, x: usize, y: usize) -> f32 {
         let slope = self.regions.front.slope(x, y);
         let slope = if slope.is_finite() { slope } else { 0.0 };
         let noise = NOISE * self.depth.sigma[(x, y)];
@@ -55,18 +55,22 @@ impl Readings<'_> {
 
     /// The nearest reading of the pixels around one.
     fn nearest_around(&self, x: isize, y: isize) -> f32 {
-        let rows = y - AROUND_PX..=y + AROUND_PX;
-        let pixels = rows.flat_map(|y| (x - AROUND_PX..=x + AROUND_PX).map(move |x| (x, y)));
-        let read = pixels.filter_map(|(x, y)| self.read(x, y));
+        let read = around(x, y).filter_map(|(x, y)| self.read(x, y));
         read.fold(f32::INFINITY, f32::min)
     }
 
     /// Metres across a surface for each metre of depth along the view of a point of it; 0 where it faces away.
-    fn across(&self, p: Point3<f64>, normal: Vector3<f32>) -> f64 {
+    pub(super) fn across(&self, p: Point3<f64>, normal: Vector3<f32>) -> f64 {
         let camera = &self.camera.camera;
         let facing = normal.cast::<f64>().dot(&(camera.center() - p));
         facing.max(0.0) / camera.camera_from_rig(p).z.max(1e-3)
     }
+}
+
+/// The pixels around one, and itself.
+pub(super) fn around(x: isize, y: isize) -> impl Iterator<Item = (isize, isize)> {
+    let rows = y - AROUND_PX..=y + AROUND_PX;
+    rows.flat_map(move |y| (x - AROUND_PX..=x + AROUND_PX).map(move |x| (x, y)))
 }
 
 /// How far beneath a place of the hull (metres, with its unit outward normal) depth cameras read the surface: metres
