@@ -226,8 +226,8 @@ fn hold_others(pools: &[(Provenance, Pool)]) {
     }
 }
 
-/// What is demanded of many runs: places that state more are farther off. Of what depth restored or bridged this does
-/// not hold yet: there the errors are those of the camera's fixed pattern, and one place states much what another does.
+/// What is demanded of many runs: places that state more are farther off. What depth restored or bridged does not meet
+/// this (`design/surface.md` has the figures), so it is shown and not held.
 fn hold_ranks(pools: &[(Provenance, Pool)]) {
     for (provenance, pool) in pools {
         let is_held = matches!(

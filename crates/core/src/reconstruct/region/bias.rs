@@ -59,7 +59,7 @@ impl Bias {
             .map(|(found, error)| (found, error, BiasSource::Table))
             .or_else(|| from_hull().map(|(found, error)| (found, error, BiasSource::Hull)))
             .unwrap_or((0.0, allowed, BiasSource::None));
-        // An offset that is not there would be added to the depth, and not subtracted.
+        // An offset that is only noise would make the depth worse.
         let metres = shrunk(found, remaining).clamp(-allowed, allowed);
         Self {
             metres,
