@@ -1,14 +1,16 @@
-//! The expected error of the hull's vertices, from the silhouettes around each. `touch` finds the viewing edge through
-//! a vertex and where the true surface touches it, `depth_of_surface` computes how far the surface then lies beneath
-//! the vertex, `readings` tells what depth cameras read of it, `disagreement` by how much they contradict it, `hollow`
-//! what may hide beneath a lid, `cut` where the volume cuts the object, and `patches` spreads the results of some
-//! vertices over all. `outside` states before any carving what silhouettes alone leave open. `unrequired` marks whole
-//! pieces that no silhouette requires. Nothing here moves a vertex.
+//! The expected error of a model's vertices. `inside` states that of what depth cameras carved; all else is about the
+//! hull's vertices, from the silhouettes around each. `touch` finds the viewing edge through a vertex and where the true
+//! surface touches it, `depth_of_surface` computes how far the surface then lies beneath the vertex, `readings` tells
+//! what depth cameras read of it, `disagreement` by how much they contradict it, `hollow` what may hide beneath a lid,
+//! `cut` where the volume cuts the object, and `patches` spreads the results of some vertices over all. `outside` states
+//! before any carving what silhouettes alone leave open. `unrequired` marks whole pieces that no silhouette requires.
+//! Nothing here moves a vertex.
 
 mod cut;
 mod depth_of_surface;
 mod disagreement;
 mod hollow;
+mod inside;
 mod outside;
 mod patches;
 mod readings;
@@ -65,6 +67,9 @@ mod share {
     /// Pixels at which half as much is expected as in proportion to the way that a vertex was moved: long ways end at
     /// a surface as smooth as short ones do.
     pub(super) const MOVED_PX: f64 = 10.0;
+    /// Pixels from the nearest place at which an outline lies on a contour, from which on as much is expected as in
+    /// proportion to the way there; nearer, it is in proportion to the square: the surface leaves the touch along it.
+    pub(super) const WAY_PX: f64 = 25.0;
     /// Of a contour's error, on a flat side that many contours hold.
     pub(super) const OF_CONTOUR: f64 = 0.5;
     /// Pixels within which an outline confirms a place.
@@ -120,7 +125,7 @@ const STATED: Shares = Shares {
     of_moved: 0.4,
     of_left: 0.1,
     of_kept: 0.6,
-    of_contour: 0.5,
+    of_contour: 0.8,
     of_way: 0.12,
     of_left_below: 1.2,
 };
@@ -137,9 +142,15 @@ pub struct Evidence<'a> {
     pub cell_size: f64,
 }
 
-/// States the expected error of those vertices of a model that lie on its hull, and which of them nothing observed,
-/// because the volume cuts the object there. The other vertices keep what they state.
+/// States the expected error of a model's vertices: of those that depth cameras carved by what `expected_error` has of
+/// their readings, and of those that lie on the hull, where it also states which of them nothing observed, because the
+/// volume cuts the object there.
 pub fn state_errors(model: &mut Model, evidence: &Evidence) {
+    inside::state(model, evidence.hull, &evidence.readings);
+    state_errors_of_hull(model, evidence);
+}
+
+fn state_errors_of_hull(model: &mut Model, evidence: &Evidence) {
     let vertices = model.mesh.vertices.iter().zip(&model.provenance);
     let on_hull = vertices
         .zip(0..)
@@ -327,7 +338,8 @@ fn of_faired(faired: &FairedHull, place: &Place, of_hull: f64, moved: f64, share
     if solid.is_on_side(p) {
         return share::OF_CONTOUR * of_contour;
     }
-    let much = share::MOVED_PX / CONTOUR_PX * of_contour;
+    let pixel = of_contour / CONTOUR_PX;
+    let much = share::MOVED_PX * pixel;
     let left = (of_hull - moved).max(0.0);
     // A hollow below what stands out is filled so smoothly that fairing hardly moves it; what is round moves far.
     let of_below = if shares.of_left_below > 0.0 && left > 0.0 {
@@ -336,7 +348,8 @@ fn of_faired(faired: &FairedHull, place: &Place, of_hull: f64, moved: f64, share
         0.0
     };
     let of_way = if shares.of_way > 0.0 {
-        shares.of_way * faired.way_to_touch(p)
+        let way = faired.way_to_touch(p);
+        shares.of_way * way * (way / (share::WAY_PX * pixel)).min(1.0)
     } else {
         0.0
     };

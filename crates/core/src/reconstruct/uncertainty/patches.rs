@@ -5,6 +5,9 @@ use nalgebra::Point3;
 
 type Key = [i32; 3];
 
+/// Cubes to each side of one over which values are smoothed.
+const REACH: i32 = 2;
+
 /// Points by the cubes that they lie in.
 pub(super) struct Patches {
     /// The cubes with points, in ascending order, each with the points' indices.
@@ -33,17 +36,17 @@ impl Patches {
         self.cubes.iter().map(|(_, indices)| indices.as_slice())
     }
 
-    /// For each cube the mean of the values of itself and the cubes around it.
+    /// For each cube the mean of the values of itself and the cubes within [`REACH`].
     pub(super) fn smoothed(&self, values: &[f64]) -> Vec<f64> {
         let around = |key: &Key| {
             let (mut sum, mut count) = (0.0, 0.0);
-            for x in -1..=1 {
-                for y in -1..=1 {
+            for x in -REACH..=REACH {
+                for y in -REACH..=REACH {
                     // Cubes in a column follow each other.
-                    let first = [key[0] + x, key[1] + y, key[2] - 1];
+                    let first = [key[0] + x, key[1] + y, key[2] - REACH];
                     let from = self.cubes.partition_point(|cube| cube.0 < first);
                     let column = self.cubes[from..].iter().zip(&values[from..]);
-                    let last = [first[0], first[1], key[2] + 1];
+                    let last = [first[0], first[1], key[2] + REACH];
                     for (_, value) in column.take_while(|(cube, _)| cube.0 <= last) {
                         sum += value;
                         count += 1.0;
@@ -65,8 +68,8 @@ mod tests {
         let at = [
             [0.5, 0.5, 0.5],
             [0.6, 0.5, 0.5],
-            [1.5, 0.5, -0.5],
-            [9.5, 0.5, 0.5],
+            [2.5, 0.5, -0.5],
+            [5.5, 0.5, 0.5],
         ];
         let points = at.into_iter().zip(0..).map(|(p, i)| (i, Point3::from(p)));
         let patches = Patches::new(points, 1.0);

@@ -11,6 +11,8 @@ const NOISE: f32 = 3.0;
 /// Pixels around a place that count: of those none may be nearer than what is read beneath it, for beside a step, a
 /// reading may be of either side.
 const AROUND_PX: isize = 2;
+/// Pixels to each side of one over which the depth bends there.
+const BEND_PX: isize = 2;
 
 /// What a depth camera read.
 pub struct Readings<'a> {
@@ -35,6 +37,20 @@ impl Readings<'_> {
         let slope = if slope.is_finite() { slope } else { 0.0 };
         let noise = NOISE * self.depth.sigma[(x, y)];
         noise.max(slope) + self.regions.bias.remaining as f32
+    }
+
+    /// How far the depth around a place departs from a plane, in metres: twice its own, less that of the pixels on both
+    /// sides. Infinite where one of these has no depth, `None` where the place itself has none.
+    pub(super) fn bend(&self, p: Point3<f64>) -> Option<f32> {
+        let (pixel, _) = self.camera.project(p)?;
+        let (x, y) = (pixel.x.round() as isize, pixel.y.round() as isize);
+        let at = |x, y| self.depth.depth.get(x, y).copied().filter(|&z| z > 0.0);
+        let here = at(x, y)?;
+        let along = |dx: isize, dy: isize| match (at(x - dx, y - dy), at(x + dx, y + dy)) {
+            (Some(before), Some(after)) => (before + after - 2.0 * here).abs(),
+            _ => f32::INFINITY,
+        };
+        Some(along(BEND_PX, 0).max(along(0, BEND_PX)))
     }
 
     /// How far beneath a place the camera read a surface, across the hull's; see [`beneath`].
@@ -145,5 +161,21 @@ mod tests {
         let middle = SIDE / 2;
         above.depth.depth[(middle + 2, middle)] = 0.8;
         assert!(is(beneath_origin(&above, up()), 0.0));
+    }
+
+    #[test]
+    fn a_slope_does_not_bend_and_an_end_does_without_limit() {
+        let mut above = Above::reads(0.8, 0.0, 0.0);
+        above.depth.depth = crate::image::Grid::from_fn(SIDE, SIDE, |x, _| 0.8 + 1e-3 * x as f32);
+        let bend = |above: &Above| above.readings()[0].bend(Point3::origin());
+        assert!(bend(&above).unwrap() < 1e-6);
+        let middle = SIDE / 2;
+        above.depth.depth[(middle, middle - 2)] += 4e-3;
+        assert!((bend(&above).unwrap() - 4e-3).abs() < 1e-6);
+        above.depth.depth[(middle, middle - 2)] = 0.0;
+        assert_eq!(bend(&above), Some(f32::INFINITY));
+        above.depth.depth[(middle, middle)] = 0.0;
+        assert_eq!(bend(&above), None);
+        assert_eq!(above.readings()[0].bend(Point3::new(1.0, 0.0, 0.0)), None);
     }
 }

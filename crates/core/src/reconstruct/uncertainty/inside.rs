@@ -1,0 +1,246 @@
+//! The expected error of what depth cameras carved, once all is restored, given what their readings alone let expect:
+//! more where the depth bends or ends, less over holes in it, and in its shadows no more than the way to the nearest
+//! surface that was read. Restoration decides by what the readings let expect, so this comes after it.
+
+use super::readings::Readings;
+use crate::mesh::{Bvh, Mesh};
+use crate::reconstruct::hull::Hull;
+use crate::reconstruct::{Model, Provenance};
+use nalgebra::{Point3, Vector3};
+use rayon::prelude::*;
+
+/// Pixels of a depth camera by which a surface is expected to be off where the depth bends or ends.
+const OF_BEND_PX: f64 = 0.35;
+/// By how many pixels' width the depth has to bend for that; where it bends less, the error is a share of it.
+const BENT_PX: f64 = 3.0;
+/// Share of the noise that holes in the depth are said to have: it is chosen for the worst of them.
+const OF_HOLE: f64 = 0.3;
+/// Share of the hull behind a hole by which what closes it is expected to be off, and the pixels' widths of the hull
+/// that count.
+const OF_BEHIND: f64 = 0.08;
+const MOST_BEHIND_PX: f64 = 20.0;
+/// Pixels of a depth camera within which a surface that was read is known.
+const READ_PX: f64 = 0.5;
+
+/// States the expected error of what depth cameras carved: `readings` are those of all of them.
+pub(super) fn state(model: &mut Model, hull: &Hull, readings: &[Readings]) {
+    if readings.is_empty() {
+        return;
+    }
+    let inside = Inside {
+        hull,
+        readings,
+        read: read_surface(model),
+    };
+    let of_vertex = |v: usize| {
+        let (p, normal) = (model.mesh.vertices[v].cast(), model.normals[v]);
+        let of_readings = f64::from(model.expected_error[v]);
+        inside.stated(model.provenance[v], p, normal, of_readings) as f32
+    };
+    model.expected_error = (0..model.mesh.vertices.len())
+        .into_par_iter()
+        .map(of_vertex)
+        .collect();
+}
+
+/// The part of a model's surface that readings made.
+fn read_surface(model: &Model) -> Bvh {
+    let is_read = |corners: &&[u32; 3]| {
+        let mut corners = corners.iter();
+        corners.all(|&v| model.provenance[v as usize] == Provenance::Restored)
+    };
+    let triangles = model.mesh.triangles.iter().filter(is_read);
+    Bvh::new(&Mesh {
+        vertices: model.mesh.vertices.clone(),
+        triangles: triangles.copied().collect(),
+    })
+}
+
+struct Inside<'a> {
+    hull: &'a Hull<'a>,
+    readings: &'a [Readings<'a>],
+    /// The surface that readings made.
+    read: Bvh,
+}
+
+/// How the depth camera that a place faces most sees it, in metres.
+struct Sight {
+    /// How long a pixel is there.
+    pixel: f64,
+    /// How much the depth bends there; infinite where it ends.
+    bend: f64,
+    /// What may remain of the depth's bias, across the surface.
+    bias: f64,
+}
+
+impl Inside<'_> {
+    /// The expected error of a vertex, with its unit outward normal, whose readings let expect `of_readings`.
+    fn stated(
+        &self,
+        from: Provenance,
+        p: Point3<f64>,
+        normal: Vector3<f32>,
+        of_readings: f64,
+    ) -> f64 {
+        match from {
+            Provenance::Hull | Provenance::Table => of_readings,
+            Provenance::Carved | Provenance::Unseen => self.shadowed(p, of_readings),
+            Provenance::Restored => match self.sight(p, normal) {
+                Some(sight) => of_readings.hypot(sight.of_bend()),
+                None => of_readings,
+            },
+            Provenance::Bridged => match self.sight(p, normal) {
+                Some(sight) => self.bridged(p, normal, of_readings, &sight),
+                None => of_readings,
+            },
+        }
+    }
+
+    /// How the depth camera sees a place that it faces most; `None` where none has depth there.
+    fn sight(&self, p: Point3<f64>, normal: Vector3<f32>) -> Option<Sight> {
+        let seen = self.readings.iter().filter_map(|readings| {
+            let across = readings.across(p, normal);
+            let bend = readings.bend(p).filter(|_| across > 0.0)?;
+            Some((across, f64::from(bend), readings))
+        });
+        let (across, bend, readings) = seen.max_by(|a, b| a.0.total_cmp(&b.0))?;
+        Some(Sight {
+            pixel: readings.camera.camera.pixel_footprint(p),
+            bend,
+            bias: readings.regions.bias.remaining * across,
+        })
+    }
+
+    /// What closes a hole in the depth: it may run anywhere in the hull behind.
+    fn bridged(
+        &self,
+        p: Point3<f64>,
+        normal: Vector3<f32>,
+        of_readings: f64,
+        sight: &Sight,
+    ) -> f64 {
+        let bias = sight.bias.min(of_readings);
+        let noise = (of_readings * of_readings - bias * bias).sqrt();
+        let inwards = -normal.cast::<f64>();
+        let behind = self.hull.reach(p, inwards, self.hull.pixel_footprint(p));
+        let behind = behind.min(MOST_BEHIND_PX * sight.pixel);
+        (OF_HOLE * noise)
+            .hypot(bias)
+            .hypot(sight.of_bend())
+            .hypot(OF_BEHIND * behind)
+    }
+
+    /// What no reading faces. It hangs on what was read beside it.
+    fn shadowed(&self, p: Point3<f64>, of_readings: f64) -> f64 {
+        let Some(read) = self.read.closest_point_within(p, of_readings) else {
+            return of_readings;
+        };
+        let known = self.readings.iter().map(|r| {
+            let pixel = r.camera.camera.pixel_footprint(p);
+            (read.distance + READ_PX * pixel).hypot(r.regions.bias.remaining)
+        });
+        known.fold(0.0, f64::max).min(of_readings)
+    }
+}
+
+impl Sight {
+    /// By how much the surface is expected to be off because the depth bends or ends.
+    fn of_bend(&self) -> f64 {
+        OF_BEND_PX * self.pixel * (self.bend / (BENT_PX * self.pixel)).min(1.0)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::testing::{Above, SIDE};
+    use super::*;
+    use crate::calibration::Volume;
+
+    /// A pixel of the camera above is so long at the origin.
+    const PIXEL: f64 = 0.8 / 575.0;
+    const MIDDLE: usize = SIDE / 2;
+
+    /// A model of two triangles that face up: one at the origin from `from`, and one `beside` metres along x that was
+    /// restored. All of them state `error`.
+    fn model(from: Provenance, beside: f32, error: f32) -> Model {
+        let corners =
+            |x: f32| [[0.0, 0.0], [1e-4, 0.0], [0.0, 1e-4]].map(move |[dx, y]| [x + dx, y]);
+        let places = [corners(0.0), corners(beside)].concat();
+        let vertices = places.into_iter().map(|[x, y]| Point3::new(x, y, 0.0));
+        Model {
+            mesh: Mesh {
+                vertices: vertices.collect(),
+                triangles: vec![[0, 1, 2], [3, 4, 5]],
+            },
+            normals: vec![Vector3::z(); 6],
+            provenance: [[from; 3], [Provenance::Restored; 3]].concat(),
+            expected_error: vec![error; 6],
+            ..Model::default()
+        }
+    }
+
+    /// What a place at the origin, 4 mm above the hull's far side, states that said 2 mm before.
+    fn stated(from: Provenance, above: &Above, beside: f32) -> f64 {
+        let (low, high) = (Point3::new(-0.1, -0.1, -0.004), Point3::new(0.1, 0.1, 0.01));
+        let hull = Hull::new(Vec::new(), Volume::new(low, high).unwrap(), 0);
+        let mut model = model(from, beside, 2e-3);
+        state(&mut model, &hull, &above.readings());
+        f64::from(model.expected_error[0])
+    }
+
+    fn is(found: f64, expected: f64) -> bool {
+        (found - expected).abs() < 1e-3 * expected
+    }
+
+    #[test]
+    fn where_the_depth_bends_more_is_stated_and_most_where_it_ends() {
+        let mut above = Above::reads(0.8, 0.0, 0.0);
+        assert!(is(stated(Provenance::Restored, &above, 0.05), 2e-3));
+        above.depth.depth[(MIDDLE + 2, MIDDLE)] += (1.5 * PIXEL) as f32;
+        let bent = stated(Provenance::Restored, &above, 0.05);
+        assert!(is(bent, 2e-3_f64.hypot(0.5 * OF_BEND_PX * PIXEL)), "{bent}");
+        above.depth.depth[(MIDDLE + 2, MIDDLE)] = 0.0;
+        let ends = stated(Provenance::Restored, &above, 0.05);
+        assert!(is(ends, 2e-3_f64.hypot(OF_BEND_PX * PIXEL)), "{ends}");
+    }
+
+    #[test]
+    fn what_closes_a_hole_is_nearer_than_its_noise_but_not_than_a_bias() {
+        let flat = |remaining| {
+            stated(
+                Provenance::Bridged,
+                &Above::reads(0.8, 0.0, remaining),
+                0.05,
+            )
+        };
+        let sure = flat(0.0);
+        assert!((0.6e-3..1.9e-3).contains(&sure), "{sure}");
+        let biased = flat(1.9e-3);
+        assert!(biased > 1.9e-3, "{biased}");
+    }
+
+    #[test]
+    fn a_shadow_is_no_farther_off_than_what_was_read_beside_it() {
+        let above = Above::reads(0.8, 0.0, 0.0);
+        for from in [Provenance::Carved, Provenance::Unseen] {
+            let near = stated(from, &above, 0.5e-3);
+            assert!(is(near, 0.5e-3 + READ_PX * PIXEL), "{near}");
+            assert!(is(stated(from, &above, 0.05), 2e-3));
+        }
+        let biased = Above::reads(0.8, 0.0, 1e-3);
+        let near = stated(Provenance::Carved, &biased, 0.5e-3);
+        assert!(is(near, (0.5e-3 + READ_PX * PIXEL).hypot(1e-3)), "{near}");
+    }
+
+    #[test]
+    fn without_a_depth_camera_all_stays() {
+        let hull = Hull::new(
+            Vec::new(),
+            Volume::new(Point3::origin(), [0.1; 3].into()).unwrap(),
+            0,
+        );
+        let mut carved = model(Provenance::Carved, 1e-3, 2e-3);
+        state(&mut carved, &hull, &[]);
+        assert_eq!(carved.expected_error, [2e-3; 6]);
+    }
+}
