@@ -226,8 +226,8 @@ fn hold_others(pools: &[(Provenance, Pool)]) {
     }
 }
 
-/// What is demanded of many runs: places that state more are farther off. The table is stated as a whole. Most of what is
-/// bridged is the walls of cups, whose errors spread no more than normal ones that are equally likely everywhere
+/// What is demanded of many runs: places that state more are farther off. The table is stated as a whole. Most of what
+/// is bridged is walls of cups, whose errors spread no more than normal ones of the same standard deviation everywhere
 /// (`design/surface.md`): no statement ranks these.
 fn hold_ranks(pools: &[(Provenance, Pool)]) {
     for (provenance, pool) in pools {

@@ -1,10 +1,10 @@
 //! The expected error of a model's vertices. `inside` states that of what depth cameras carved; all else is about the
-//! hull's vertices, from the silhouettes around each. `touch` finds the viewing edge through a vertex and where the true
-//! surface touches it, `depth_of_surface` computes how far the surface then lies beneath the vertex, `readings` tells
-//! what depth cameras read of it, `disagreement` by how much they contradict it, `hollow` what may hide beneath a lid,
-//! `cut` where the volume cuts the object, and `patches` spreads the results of some vertices over all. `outside` states
-//! before any carving what silhouettes alone leave open. `unrequired` marks whole pieces that no silhouette requires.
-//! Nothing here moves a vertex.
+//! hull's vertices, from the silhouettes around each. `touch` finds the viewing edge through a vertex and where the
+//! true surface touches it, `depth_of_surface` computes how far the surface then lies beneath the vertex, `readings`
+//! tells what depth cameras read of it, `disagreement` by how much they contradict it, `hollow` what may hide beneath a
+//! lid, `cut` where the volume cuts the object, and `patches` spreads the results of some vertices over all. `outside`
+//! states before any carving what silhouettes alone leave open. `unrequired` marks whole pieces that no silhouette
+//! requires. Nothing here moves a vertex.
 
 mod cut;
 mod depth_of_surface;
