@@ -1,6 +1,6 @@
-//! The expected error of what depth cameras carved, once all is restored, given what their readings alone let expect:
-//! more where the depth bends or ends, less over holes in it, and in its shadows no more than the way to the nearest
-//! surface that was read. Restoration decides by what the readings let expect, so this comes after it.
+//! The expected error of what depth cameras carved. It starts from the error that the readings alone suggest, and is
+//! larger where the depth bends or ends, smaller over holes in the depth, and in the depth's shadows at most the way to
+//! the nearest surface that was read. Restoration decides by the readings' own error, so this comes after it.
 
 use super::readings::Readings;
 use crate::mesh::{Bvh, Mesh};
@@ -11,18 +11,19 @@ use rayon::prelude::*;
 
 /// Pixels of a depth camera by which a surface is expected to be off where the depth bends or ends.
 const OF_BEND_PX: f64 = 0.35;
-/// By how many pixels' width the depth has to bend for that; where it bends less, the error is a share of it.
+/// By how many pixels' width the depth bends where all of that is expected; where it bends less, a share of it is.
 const BENT_PX: f64 = 3.0;
-/// Share of the noise that holes in the depth are said to have: it is chosen for the worst of them.
+/// Share that is expected of the noise that a hole in the depth has, which is chosen for the worst holes.
 const OF_HOLE: f64 = 0.3;
-/// Share of the hull behind a hole by which what closes it is expected to be off, and the pixels' widths of the hull
-/// that count.
+/// The surface that closes a hole is expected to be off by this share of the hull's thickness behind it, of which at
+/// most so many pixels' widths count.
 const OF_BEHIND: f64 = 0.08;
 const MOST_BEHIND_PX: f64 = 20.0;
-/// Pixels of a depth camera within which a surface that was read is known.
+/// Pixels of a depth camera by which a surface that was read may be off.
 const READ_PX: f64 = 0.5;
 
-/// States the expected error of what depth cameras carved: `readings` are those of all of them.
+/// States the expected error of what depth cameras carved, from that which `model` has of their readings. `readings`
+/// are those of all depth cameras.
 pub(super) fn state(model: &mut Model, hull: &Hull, readings: &[Readings]) {
     if readings.is_empty() {
         return;
@@ -74,7 +75,7 @@ struct Sight {
 }
 
 impl Inside<'_> {
-    /// The expected error of a vertex, with its unit outward normal, whose readings let expect `of_readings`.
+    /// The expected error of a vertex (with its unit outward normal) for which readings alone suggest `of_readings`.
     fn stated(
         &self,
         from: Provenance,
@@ -96,7 +97,7 @@ impl Inside<'_> {
         }
     }
 
-    /// How the depth camera sees a place that it faces most; `None` where none has depth there.
+    /// How the depth camera that a place faces most sees it; `None` where no camera that it faces has depth.
     fn sight(&self, p: Point3<f64>, normal: Vector3<f32>) -> Option<Sight> {
         let seen = self.readings.iter().filter_map(|readings| {
             let across = readings.across(p, normal);
@@ -111,7 +112,7 @@ impl Inside<'_> {
         })
     }
 
-    /// What closes a hole in the depth: it may run anywhere in the hull behind.
+    /// Of the surface that closes a hole in the depth: the true one may run anywhere in the hull behind it.
     fn bridged(
         &self,
         p: Point3<f64>,
@@ -130,7 +131,7 @@ impl Inside<'_> {
             .hypot(OF_BEHIND * behind)
     }
 
-    /// What no reading faces. It hangs on what was read beside it.
+    /// Of a surface that no reading faces: it is joined to one that was read.
     fn shadowed(&self, p: Point3<f64>, of_readings: f64) -> f64 {
         let Some(read) = self.read.closest_point_within(p, of_readings) else {
             return of_readings;

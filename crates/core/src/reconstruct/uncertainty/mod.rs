@@ -67,8 +67,8 @@ mod share {
     /// Pixels at which half as much is expected as in proportion to the way that a vertex was moved: long ways end at
     /// a surface as smooth as short ones do.
     pub(super) const MOVED_PX: f64 = 10.0;
-    /// Pixels from the nearest place at which an outline lies on a contour, from which on as much is expected as in
-    /// proportion to the way there; nearer, it is in proportion to the square: the surface leaves the touch along it.
+    /// Beyond so many pixels from the nearest touch, the expected error grows in proportion to the way there. Nearer,
+    /// it grows with the square of that way, because a smooth surface is tangential to the viewing rays that touch it.
     pub(super) const WAY_PX: f64 = 25.0;
     /// Of a contour's error, on a flat side that many contours hold.
     pub(super) const OF_CONTOUR: f64 = 0.5;
@@ -142,9 +142,9 @@ pub struct Evidence<'a> {
     pub cell_size: f64,
 }
 
-/// States the expected error of a model's vertices: of those that depth cameras carved by what `expected_error` has of
-/// their readings, and of those that lie on the hull, where it also states which of them nothing observed, because the
-/// volume cuts the object there.
+/// States the expected error of a model's vertices. Those that depth cameras carved come with the error that the
+/// readings alone suggest. Of those on the hull it also states which nothing observed, because the volume cuts the
+/// object there.
 pub fn state_errors(model: &mut Model, evidence: &Evidence) {
     inside::state(model, evidence.hull, &evidence.readings);
     state_errors_of_hull(model, evidence);
