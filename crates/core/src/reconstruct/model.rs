@@ -67,6 +67,21 @@ pub struct Model {
     pub texture: Option<Texture>,
 }
 
+impl Model {
+    /// Its triangles whose corners all come `from` there, with all of its vertices.
+    pub fn part(&self, from: Provenance) -> Mesh {
+        let is_from = |corners: &&[u32; 3]| {
+            let mut corners = corners.iter();
+            corners.all(|&v| self.provenance[v as usize] == from)
+        };
+        let triangles = self.mesh.triangles.iter().filter(is_from);
+        Mesh {
+            vertices: self.mesh.vertices.clone(),
+            triangles: triangles.copied().collect(),
+        }
+    }
+}
+
 /// A model's colours.
 #[derive(Clone, Debug)]
 pub struct Texture {

@@ -3,7 +3,7 @@
 //! over a few pixels is mostly the depth camera, and the inside goes to where the thickness is even, no farther than it
 //! may be off. Nothing else of the surface moves.
 
-use crate::mesh::{Bvh, Mesh, vertex_normals};
+use crate::mesh::{Bvh, vertex_normals};
 use crate::reconstruct::{Model, Provenance};
 use nalgebra::{Matrix3, Point3, Vector3};
 use rayon::prelude::*;
@@ -157,20 +157,7 @@ struct Outside<F> {
 
 impl<F: Fn(Point3<f64>) -> bool> Outside<F> {
     fn new(model: &Model, is_faired: F) -> Self {
-        let of_hull = |t: &&[u32; 3]| {
-            let mut corners = t.iter();
-            corners.all(|&v| model.provenance[v as usize] == Provenance::Hull)
-        };
-        let mesh = Mesh {
-            vertices: model.mesh.vertices.clone(),
-            triangles: model
-                .mesh
-                .triangles
-                .iter()
-                .filter(of_hull)
-                .copied()
-                .collect(),
-        };
+        let mesh = model.part(Provenance::Hull);
         let normal = |t: usize| {
             let [a, b, c] = mesh.corners(t).map(|p| p.cast::<f64>());
             (b - a).cross(&(c - a)).normalize()
@@ -352,6 +339,7 @@ fn cube(p: &Point3<f64>, size: f64) -> [i64; 3] {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::mesh::Mesh;
     use std::f64::consts::TAU;
 
     /// Around and along of the tube's vertices.

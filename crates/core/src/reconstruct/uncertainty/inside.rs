@@ -3,7 +3,7 @@
 //! the nearest surface that was read. Restoration decides by the readings' own error, so this comes after it.
 
 use super::readings::Readings;
-use crate::mesh::{Bvh, Mesh};
+use crate::mesh::Bvh;
 use crate::reconstruct::hull::Hull;
 use crate::reconstruct::{Model, Provenance};
 use nalgebra::{Point3, Vector3};
@@ -31,7 +31,7 @@ pub(super) fn state(model: &mut Model, hull: &Hull, readings: &[Readings]) {
     let inside = Inside {
         hull,
         readings,
-        read: read_surface(model),
+        read: Bvh::new(&model.part(Provenance::Restored)),
     };
     let of_vertex = |v: usize| {
         let (p, normal) = (model.mesh.vertices[v].cast(), model.normals[v]);
@@ -42,19 +42,6 @@ pub(super) fn state(model: &mut Model, hull: &Hull, readings: &[Readings]) {
         .into_par_iter()
         .map(of_vertex)
         .collect();
-}
-
-/// The part of a model's surface that readings made.
-fn read_surface(model: &Model) -> Bvh {
-    let is_read = |corners: &&[u32; 3]| {
-        let mut corners = corners.iter();
-        corners.all(|&v| model.provenance[v as usize] == Provenance::Restored)
-    };
-    let triangles = model.mesh.triangles.iter().filter(is_read);
-    Bvh::new(&Mesh {
-        vertices: model.mesh.vertices.clone(),
-        triangles: triangles.copied().collect(),
-    })
 }
 
 struct Inside<'a> {
@@ -156,6 +143,7 @@ mod tests {
     use super::super::testing::{Above, SIDE};
     use super::*;
     use crate::calibration::Volume;
+    use crate::mesh::Mesh;
 
     /// A pixel of the camera above is so long at the origin.
     const PIXEL: f64 = 0.8 / 575.0;
