@@ -5,7 +5,7 @@ use super::contour::Contour;
 use super::corners::{distance, outline, pictures};
 use crate::mesh::{Bvh, Mesh, sorted_sides};
 use nalgebra::{Matrix3, Point2, Point3, SymmetricEigen, Vector3};
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
 /// A side is flat where its corners lie within so many pixels of one plane.
 const FLAT_PX: f64 = 1.25;
@@ -21,6 +21,11 @@ const SHARP_COSINE: f64 = 0.906;
 const BLUNT: f64 = 0.15;
 /// A neighbour with less than this share of the area is a bevel that noise makes, and says nothing of the border.
 const NARROW: f64 = 0.1;
+/// Parts whose planes have normals within this angle (3 degrees) are one side if the corners of both lie within so many
+/// pixels of one plane: a plane through three corners that are off by a fraction of a pixel misses the fourth by
+/// several. Neighbouring strips of something round turn by more.
+const SAME_COSINE: f64 = 0.9986;
+const MERGED_PX: f64 = 1.5;
 /// Facets of one side have normals within this angle of the plane's, but for narrow ones, which have only noise.
 const ALIKE_COSINE: f64 = 0.97;
 
@@ -75,33 +80,92 @@ impl<'a> Flat<'a> {
                 flat.grow(seed, pixel);
             }
         }
+        flat.merge(pixel);
         flat
     }
 
-    /// Whether the surface turns at a part's border, and does not go on as something round.
+    /// Makes parts that lie in one plane one part, the largest first. A part that became another's has no area left.
+    fn merge(&mut self, pixel: f64) {
+        for part in 0..self.planes.len() {
+            for other in part + 1..self.planes.len() {
+                let [a, b] = [part, other].map(|i| self.planes[i].normal);
+                if self.areas[part] == 0.0 || self.areas[other] == 0.0 || a.dot(&b) < SAME_COSINE {
+                    continue;
+                }
+                let of_either = |t: &usize| {
+                    let number = self.of_facet[*t].map(|number| number as usize);
+                    number == Some(part) || number == Some(other)
+                };
+                let members: Vec<usize> = (0..self.of_facet.len()).filter(of_either).collect();
+                let Some(plane) = self.fitted(&members) else {
+                    continue;
+                };
+                let fits = |&t: &usize| {
+                    let mut corners = self.corners(t).into_iter();
+                    corners.all(|p| plane.outside(p).abs() < MERGED_PX * pixel)
+                };
+                if members.iter().all(fits) {
+                    members
+                        .iter()
+                        .for_each(|&t| self.of_facet[t] = Some(part as u32));
+                    self.planes[part] = plane;
+                    self.areas[part] += std::mem::take(&mut self.areas[other]);
+                }
+            }
+        }
+    }
+
+    /// Whether the surface turns at a part's border, and does not go on as something round. Beyond bevels, it turns as
+    /// much as to that part around them towards which it turns least.
     pub(super) fn has_sharp_border(&self, part: u32) -> bool {
         let (mut sharp, mut blunt) = (0.0, 0.0);
-        let normal = self.planes[part as usize].normal;
         for (&(a, b), facets) in &self.at_edge {
-            let parts: Vec<Option<u32>> =
-                facets.iter().map(|&t| self.of_facet[t as usize]).collect();
-            let other = match parts[..] {
-                [Some(a), Some(b)] if a == part && b != part => b,
-                [Some(a), Some(b)] if b == part && a != part => a,
-                _ => continue,
-            };
-            if self.areas[other as usize] < NARROW * self.areas[part as usize] {
+            let is_of = |t: &&u32| self.of_facet[**t as usize] == Some(part);
+            let (Some(_), Some(&other)) =
+                (facets.iter().find(is_of), facets.iter().find(|t| !is_of(t)))
+            else {
                 continue;
-            }
+            };
+            let Some(cosine) = self.turn_beyond(part, other) else {
+                continue;
+            };
             let [a, b] = [a, b].map(|v| self.mesh.vertices[v as usize].cast::<f64>());
             let length = (a - b).norm();
-            if normal.dot(&self.planes[other as usize].normal) > SHARP_COSINE {
+            if cosine > SHARP_COSINE {
                 blunt += length;
             } else {
                 sharp += length;
             }
         }
         sharp > 0.0 && blunt <= BLUNT * (sharp + blunt)
+    }
+
+    /// The cosine of the angle by which the surface turns from a part to what lies beyond a facet beside it; `None` if
+    /// that is narrow, and so is all around it.
+    fn turn_beyond(&self, part: u32, facet: u32) -> Option<f64> {
+        let normal = self.planes[part as usize].normal;
+        let is_narrow =
+            |other: u32| self.areas[other as usize] < NARROW * self.areas[part as usize];
+        let mut seen = BTreeSet::from([facet]);
+        let mut next = vec![facet];
+        let mut cosine: Option<f64> = None;
+        while let Some(t) = next.pop() {
+            match self.of_facet[t as usize] {
+                Some(other) if other == part => {}
+                Some(other) if !is_narrow(other) => {
+                    let turned = normal.dot(&self.planes[other as usize].normal);
+                    cosine = Some(cosine.map_or(turned, |least| least.max(turned)));
+                }
+                _ => {
+                    let corners = self.mesh.triangles[t as usize];
+                    for (a, b) in [(0, 1), (1, 2), (2, 0)].map(|(i, j)| (corners[i], corners[j])) {
+                        let beside = self.at_edge[&(a.min(b), a.max(b))].iter().copied();
+                        next.extend(beside.filter(|&other| seen.insert(other)));
+                    }
+                }
+            }
+        }
+        cosine
     }
 
     fn corners(&self, t: usize) -> [Point3<f64>; 3] {
@@ -342,4 +406,75 @@ pub(super) fn meeting(mesh: &Mesh, of_facet: &[Option<u32>], sides: usize) -> Ve
         list.dedup();
     }
     meeting
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::mesh::convex_hull;
+    use std::f64::consts::TAU;
+
+    const PIXEL: f64 = 1e-3;
+
+    /// Levels of a solid: at each height, in pixels, the corners of a regular polygon of a radius in pixels.
+    fn solid(corners: usize, levels: &[[f64; 2]]) -> Vec<Point3<f32>> {
+        let at = |&[height, radius]: &[f64; 2]| {
+            (0..corners).map(move |i| {
+                let angle = TAU * i as f64 / corners as f64;
+                let p = Point3::new(radius * angle.cos(), radius * angle.sin(), height);
+                (p * PIXEL).cast()
+            })
+        };
+        levels.iter().flat_map(at).collect()
+    }
+
+    /// The largest part that faces up by more than this.
+    fn top(flat: &Flat, least_z: f64) -> u32 {
+        let parts = (0..flat.planes.len()).filter(|&i| flat.planes[i].normal.z > least_z);
+        let largest = parts.max_by(|&a, &b| flat.areas[a].total_cmp(&flat.areas[b]));
+        largest.unwrap() as u32
+    }
+
+    #[test]
+    fn a_side_with_a_corner_that_is_off_is_one_side() {
+        let mut points = solid(4, &[[0.0, 40.0], [60.0, 40.0]]);
+        // The facets above and below this corner's diagonal differ by two degrees.
+        points[4].z += (1.5 * PIXEL) as f32;
+        let mesh = convex_hull(&points).unwrap();
+        let flat = Flat::of(&mesh, PIXEL);
+        let area = flat.areas[top(&flat, 0.9) as usize];
+        assert!((area / (3200.0 * PIXEL * PIXEL) - 1.0).abs() < 0.01);
+        assert_eq!(flat.areas.iter().filter(|&&area| area > 0.0).count(), 6);
+        let whole: f64 = (0..mesh.triangles.len())
+            .map(|t| 0.5 * flat.cross(t).norm())
+            .sum();
+        assert!((flat.areas.iter().sum::<f64>() / whole - 1.0).abs() < 1e-9);
+    }
+
+    #[test]
+    fn strips_of_something_round_stay_apart() {
+        let points = solid(48, &[[0.0, 150.0], [60.0, 150.0]]);
+        let mesh = convex_hull(&points).unwrap();
+        let flat = Flat::of(&mesh, PIXEL);
+        assert_eq!(flat.areas.iter().filter(|&&area| area > 0.0).count(), 50);
+        let strip = (0..flat.planes.len()).find(|&i| flat.planes[i].normal.z.abs() < 0.1);
+        assert!(!flat.has_sharp_border(strip.unwrap() as u32));
+    }
+
+    #[test]
+    fn beyond_bevels_the_surface_turns_as_much_as_to_what_lies_there() {
+        let is_sharp = |levels: &[[f64; 2]]| {
+            let mesh = convex_hull(&solid(6, levels)).unwrap();
+            let flat = Flat::of(&mesh, PIXEL);
+            flat.has_sharp_border(top(&flat, 0.99))
+        };
+        // Narrow bevels of 45 degrees all around: beyond them are walls, or a roof that leans by 20 degrees.
+        assert!(is_sharp(&[[0.0, 82.0], [80.0, 82.0], [82.0, 80.0]]));
+        assert!(!is_sharp(&[
+            [0.0, 120.0],
+            [80.0, 120.0],
+            [94.2, 81.0],
+            [94.5, 80.0]
+        ]));
+    }
 }
