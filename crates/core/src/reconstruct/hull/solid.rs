@@ -157,6 +157,22 @@ impl<'a> Hull<'a> {
         (0.75 * way).max(least)
     }
 
+    /// The same to a sixteenth of what [`Self::reach`] finds.
+    pub fn thickness(&self, p: Point3<f64>, along: Vector3<f64>, least: f64) -> f64 {
+        const HALVINGS: usize = 4;
+        let beyond = self.reach(p, along, least) / 0.75;
+        let (mut within, mut outside) = (0.5 * beyond, beyond);
+        for _ in 0..HALVINGS {
+            let middle = 0.5 * (within + outside);
+            if self.value(p + along * middle, UndecidedConstraints::MAX) > 0.0 {
+                within = middle;
+            } else {
+                outside = middle;
+            }
+        }
+        0.5 * (within + outside)
+    }
+
     /// How much of space (cubic metres) no camera objects to, but is no part of the hull because so few cameras see it
     /// past what they ignore; `None` where no camera ignores anything.
     pub fn unproved_volume(&self) -> Option<f64> {

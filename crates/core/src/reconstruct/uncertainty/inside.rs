@@ -1,6 +1,7 @@
 //! The expected error of what depth cameras carved. It starts from the error that the readings alone suggest, and is
-//! larger where the depth bends or ends, smaller over holes in the depth, and in the depth's shadows at most the way to
-//! the nearest surface that was read. Restoration decides by the readings' own error, so this comes after it.
+//! larger where the depth bends or ends, and smaller over holes in the depth. In the depth's shadows it is larger where
+//! the wall is thicker than walls that were read, and smaller near a surface that was read. Restoration decides by the
+//! readings' own error, so this comes after it.
 
 use super::readings::Readings;
 use crate::mesh::Bvh;
@@ -19,6 +20,15 @@ const OF_HOLE: f64 = 0.3;
 /// most so many pixels' widths count.
 const OF_BEHIND: f64 = 0.08;
 const MOST_BEHIND_PX: f64 = 20.0;
+/// In the depth's shadows: share that is expected of what a wall is thicker than those that were read.
+const OF_EXCESS: f64 = 0.8;
+/// Of the walls that were read, this share is thinner than what counts as a wall's thickness, and at most so many
+/// places are looked at.
+const THINNER: f64 = 0.1;
+const MOST_PLACES: usize = 1000;
+/// Share that is expected of the geometric mean of that error and the way to the nearest surface that was read; but no
+/// more than that way.
+const OF_BOTH: f64 = 0.5;
 /// Pixels of a depth camera by which a surface that was read may be off.
 const READ_PX: f64 = 0.5;
 
@@ -32,6 +42,7 @@ pub(super) fn state(model: &mut Model, hull: &Hull, readings: &[Readings]) {
         hull,
         readings,
         read: Bvh::new(&model.part(Provenance::Restored)),
+        wall: thickness_of_walls(model, hull),
     };
     let of_vertex = |v: usize| {
         let (p, normal) = (model.mesh.vertices[v].cast(), model.normals[v]);
@@ -49,6 +60,30 @@ struct Inside<'a> {
     readings: &'a [Readings<'a>],
     /// The surface that readings made.
     read: Bvh,
+    /// How thick the object's walls are where readings made their inside, in metres; `None` where they made none.
+    wall: Option<f64>,
+}
+
+/// How thick the hull is behind what readings made, in metres: thin ones count, for thick parts are no walls.
+fn thickness_of_walls(model: &Model, hull: &Hull) -> Option<f64> {
+    let vertices = 0..model.mesh.vertices.len();
+    let read: Vec<usize> = vertices
+        .filter(|&v| model.provenance[v] == Provenance::Restored)
+        .collect();
+    let each = read.len().div_ceil(MOST_PLACES).max(1);
+    let behind = |&v: &usize| {
+        let (p, normal) = (model.mesh.vertices[v].cast(), model.normals[v]);
+        behind(hull, p, normal)
+    };
+    let mut found: Vec<f64> = read.par_iter().step_by(each).map(behind).collect();
+    found.sort_by(f64::total_cmp);
+    found.get((THINNER * found.len() as f64) as usize).copied()
+}
+
+/// How thick the hull is behind a point of a surface with a unit outward normal, in metres.
+fn behind(hull: &Hull, p: Point3<f64>, normal: Vector3<f32>) -> f64 {
+    let inwards = -normal.cast::<f64>();
+    hull.thickness(p, inwards, hull.pixel_footprint(p))
 }
 
 /// How the depth camera that a place faces most sees it, in metres.
@@ -72,7 +107,7 @@ impl Inside<'_> {
     ) -> f64 {
         match from {
             Provenance::Hull | Provenance::Table => of_readings,
-            Provenance::Carved | Provenance::Unseen => self.shadowed(p, of_readings),
+            Provenance::Carved | Provenance::Unseen => self.shadowed(p, normal, of_readings),
             Provenance::Restored => match self.sight(p, normal) {
                 Some(sight) => of_readings.hypot(sight.of_bend()),
                 None => of_readings,
@@ -118,16 +153,25 @@ impl Inside<'_> {
             .hypot(OF_BEHIND * behind)
     }
 
-    /// Of a surface that no reading faces: it is joined to one that was read.
-    fn shadowed(&self, p: Point3<f64>, of_readings: f64) -> f64 {
-        let Some(read) = self.read.closest_point_within(p, of_readings) else {
-            return of_readings;
+    /// Of a surface that no reading faces. The wall may be as thin as others, and the true surface so far behind. But
+    /// it is joined to one that was read.
+    fn shadowed(&self, p: Point3<f64>, normal: Vector3<f32>, of_readings: f64) -> f64 {
+        let excess = match self.wall {
+            Some(wall) => (behind(self.hull, p, normal) - wall).max(0.0),
+            None => 0.0,
         };
-        let known = self.readings.iter().map(|r| {
-            let pixel = r.camera.camera.pixel_footprint(p);
-            (read.distance + READ_PX * pixel).hypot(r.regions.bias.remaining)
+        let behind = of_readings.hypot(OF_EXCESS * excess);
+        // Farther ways make no difference.
+        let farthest = behind / OF_BOTH.powi(2);
+        let Some(read) = self.read.closest_point_within(p, farthest) else {
+            return behind;
+        };
+        let joined = self.readings.iter().map(|r| {
+            let way = read.distance + READ_PX * r.camera.camera.pixel_footprint(p);
+            let of_both = OF_BOTH * (behind * way).sqrt();
+            of_both.min(way).hypot(r.regions.bias.remaining)
         });
-        known.fold(0.0, f64::max).min(of_readings)
+        joined.fold(0.0, f64::max).min(behind)
     }
 }
 
@@ -209,16 +253,38 @@ mod tests {
     }
 
     #[test]
-    fn a_shadow_is_no_farther_off_than_what_was_read_beside_it() {
+    fn in_a_shadow_less_is_stated_near_what_was_read() {
         let above = Above::reads(0.8, 0.0, 0.0);
+        let joined = OF_BOTH * (2e-3 * (0.5e-3 + READ_PX * PIXEL)).sqrt();
         for from in [Provenance::Carved, Provenance::Unseen] {
             let near = stated(from, &above, 0.5e-3);
-            assert!(is(near, 0.5e-3 + READ_PX * PIXEL), "{near}");
+            assert!(is(near, joined), "{near}");
             assert!(is(stated(from, &above, 0.05), 2e-3));
         }
         let biased = Above::reads(0.8, 0.0, 1e-3);
         let near = stated(Provenance::Carved, &biased, 0.5e-3);
-        assert!(is(near, (0.5e-3 + READ_PX * PIXEL).hypot(1e-3)), "{near}");
+        assert!(is(near, joined.hypot(1e-3)), "{near}");
+    }
+
+    #[test]
+    fn in_a_shadow_more_is_stated_where_the_wall_is_thicker_than_what_was_read() {
+        let volume = Volume::new(Point3::new(-0.1, -0.1, -0.02), Point3::new(0.1, 0.1, 0.01));
+        let hull = Hull::new(Vec::new(), volume.unwrap(), 0);
+        let above = Above::reads(0.8, 0.0, 0.0);
+        let stated = |read_at: f32| {
+            let mut model = model(Provenance::Unseen, 0.09, 2e-3);
+            for vertex in &mut model.mesh.vertices[3..] {
+                vertex.z = read_at;
+            }
+            state(&mut model, &hull, &above.readings());
+            f64::from(model.expected_error[0])
+        };
+        // The hull reaches 20 mm down from the shadow, and 5 mm from what was read.
+        let thicker = stated(-0.015);
+        let expected = 2e-3_f64.hypot(OF_EXCESS * 15e-3);
+        assert!((thicker - expected).abs() < 0.1 * expected, "{thicker}");
+        assert!(is(stated(0.0), 2e-3));
+        assert!(is(stated(0.005), 2e-3));
     }
 
     #[test]
