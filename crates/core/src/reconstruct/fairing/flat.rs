@@ -19,7 +19,8 @@ pub(super) const LEAST_PX: f64 = 16.0;
 /// are no sides.
 const SHARP_COSINE: f64 = 0.906;
 const BLUNT: f64 = 0.15;
-/// A neighbour with less than this share of the area is a bevel that noise makes, and says nothing of the border.
+/// A neighbour with less than this share of the area is a bevel that noise makes: what lies beyond it tells how the
+/// surface turns.
 const NARROW: f64 = 0.1;
 /// Parts whose planes have normals within this angle (3 degrees) are one side if the corners of both lie within so many
 /// pixels of one plane: a plane through three corners that are off by a fraction of a pixel misses the fourth by
@@ -140,8 +141,9 @@ impl<'a> Flat<'a> {
         sharp > 0.0 && blunt <= BLUNT * (sharp + blunt)
     }
 
-    /// The cosine of the angle by which the surface turns from a part to what lies beyond a facet beside it; `None` if
-    /// that is narrow, and so is all around it.
+    /// The cosine of the angle by which the surface turns from a part to the part of a facet beside it. Where that is
+    /// narrow, the parts around it count, and of them the one towards which the surface turns least; `None` if all that
+    /// can be reached over narrow ones is narrow.
     fn turn_beyond(&self, part: u32, facet: u32) -> Option<f64> {
         let normal = self.planes[part as usize].normal;
         let is_narrow =
@@ -154,7 +156,7 @@ impl<'a> Flat<'a> {
                 Some(other) if other == part => {}
                 Some(other) if !is_narrow(other) => {
                     let turned = normal.dot(&self.planes[other as usize].normal);
-                    cosine = Some(cosine.map_or(turned, |least| least.max(turned)));
+                    cosine = Some(cosine.map_or(turned, |largest| largest.max(turned)));
                 }
                 _ => {
                     let corners = self.mesh.triangles[t as usize];

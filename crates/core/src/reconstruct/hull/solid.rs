@@ -157,7 +157,8 @@ impl<'a> Hull<'a> {
         (0.75 * way).max(least)
     }
 
-    /// The same to a sixteenth of what [`Self::reach`] finds.
+    /// How far the hull reaches from a point within it along a unit vector, in metres: as [`Self::reach`], but where
+    /// the hull ends is then found by halving, to a thirtieth of the way.
     pub fn thickness(&self, p: Point3<f64>, along: Vector3<f64>, least: f64) -> f64 {
         const HALVINGS: usize = 4;
         let beyond = self.reach(p, along, least) / 0.75;

@@ -22,12 +22,12 @@ const OF_BEHIND: f64 = 0.08;
 const MOST_BEHIND_PX: f64 = 20.0;
 /// In the depth's shadows: share that is expected of what a wall is thicker than those that were read.
 const OF_EXCESS: f64 = 0.8;
-/// Of the walls that were read, this share is thinner than what counts as a wall's thickness, and at most so many
-/// places are looked at.
-const THINNER: f64 = 0.1;
+/// Quantile of the hull's thickness behind what was read that counts as the thickness of the object's walls, and the
+/// most places at which it is measured.
+const WALL_QUANTILE: f64 = 0.1;
 const MOST_PLACES: usize = 1000;
-/// Share that is expected of the geometric mean of that error and the way to the nearest surface that was read; but no
-/// more than that way.
+/// In the depth's shadows: share that is expected of the geometric mean of that error and the way to the nearest
+/// surface that was read.
 const OF_BOTH: f64 = 0.5;
 /// Pixels of a depth camera by which a surface that was read may be off.
 const READ_PX: f64 = 0.5;
@@ -60,11 +60,12 @@ struct Inside<'a> {
     readings: &'a [Readings<'a>],
     /// The surface that readings made.
     read: Bvh,
-    /// How thick the object's walls are where readings made their inside, in metres; `None` where they made none.
+    /// What [`thickness_of_walls`] finds.
     wall: Option<f64>,
 }
 
-/// How thick the hull is behind what readings made, in metres: thin ones count, for thick parts are no walls.
+/// How thick the object's walls are, in metres: a low quantile of the hull's thickness behind what readings made, for
+/// thick parts are no walls. `None` where readings made nothing.
 fn thickness_of_walls(model: &Model, hull: &Hull) -> Option<f64> {
     let vertices = 0..model.mesh.vertices.len();
     let read: Vec<usize> = vertices
@@ -77,7 +78,9 @@ fn thickness_of_walls(model: &Model, hull: &Hull) -> Option<f64> {
     };
     let mut found: Vec<f64> = read.par_iter().step_by(each).map(behind).collect();
     found.sort_by(f64::total_cmp);
-    found.get((THINNER * found.len() as f64) as usize).copied()
+    found
+        .get((WALL_QUANTILE * found.len() as f64) as usize)
+        .copied()
 }
 
 /// How thick the hull is behind a point of a surface with a unit outward normal, in metres.
@@ -153,25 +156,25 @@ impl Inside<'_> {
             .hypot(OF_BEHIND * behind)
     }
 
-    /// Of a surface that no reading faces. The wall may be as thin as others, and the true surface so far behind. But
-    /// it is joined to one that was read.
+    /// Of a surface that no reading faces. If the wall is as thin as those that were read, the true surface lies deeper
+    /// by the rest. But it is joined to a surface that was read, so that near there it cannot be much deeper.
     fn shadowed(&self, p: Point3<f64>, normal: Vector3<f32>, of_readings: f64) -> f64 {
         let excess = match self.wall {
             Some(wall) => (behind(self.hull, p, normal) - wall).max(0.0),
             None => 0.0,
         };
-        let behind = of_readings.hypot(OF_EXCESS * excess);
+        let of_wall = of_readings.hypot(OF_EXCESS * excess);
         // Farther ways make no difference.
-        let farthest = behind / OF_BOTH.powi(2);
+        let farthest = of_wall / OF_BOTH.powi(2);
         let Some(read) = self.read.closest_point_within(p, farthest) else {
-            return behind;
+            return of_wall;
         };
         let joined = self.readings.iter().map(|r| {
             let way = read.distance + READ_PX * r.camera.camera.pixel_footprint(p);
-            let of_both = OF_BOTH * (behind * way).sqrt();
+            let of_both = OF_BOTH * (of_wall * way).sqrt();
             of_both.min(way).hypot(r.regions.bias.remaining)
         });
-        joined.fold(0.0, f64::max).min(behind)
+        joined.fold(0.0, f64::max).min(of_wall)
     }
 }
 
