@@ -320,7 +320,8 @@ impl Jobs {
 
     /// What is to be done yet.
     pub fn backlog(&self) -> Backlog {
-        let objects = self.objects.len();
+        // Their locks are never waited for with this one held: whether one of them may begin is asked of this queue.
+        let (objects, remakes) = (self.objects.len(), self.remakes.len());
         let state = self.state.lock();
         let running: Vec<RunningJob> = state.running.values().map(running).collect();
         let expected = |each: f64| {
@@ -333,7 +334,7 @@ impl Jobs {
             done: state.done,
             failed: state.failed,
             objects,
-            remakes: self.remakes.len(),
+            remakes,
             settings: state.settings.clone(),
             running,
         }

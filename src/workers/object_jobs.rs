@@ -7,7 +7,7 @@ use crate::frame::Trigger;
 use crate::log;
 use crate::recording::{CaptureOutcome, Recording, Topic, finished_name};
 use crate::storage::write_atomically;
-use parking_lot::{Condvar, Mutex};
+use parking_lot::{Condvar, Mutex, MutexGuard};
 use sha2::{Digest, Sha256};
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
@@ -47,6 +47,16 @@ struct State {
     seen: BTreeMap<(String, String), u32>,
     generation: u64,
     is_stopped: bool,
+}
+
+impl State {
+    /// The oldest job that waits and is registered or not, and the name of its file.
+    fn oldest(&mut self, is_registered: bool) -> Option<(&String, &mut Entry)> {
+        let entries = self.entries.iter_mut();
+        let waiting =
+            entries.filter(|(_, e)| !e.is_running && e.job.is_registered == is_registered);
+        waiting.min_by_key(|(_, e)| e.job.newest.trigger_ns)
+    }
 }
 
 struct Entry {
@@ -262,8 +272,8 @@ impl ObjectJobs {
         jobs.any(|job| session_of(&job.newest.capture) == session)
     }
 
-    /// The oldest job that is registered or not, as soon as there is one and `may` says that it may begin; `None` after
-    /// the end.
+    /// The oldest job that is registered or not, as soon as there is one and `may` says that it may begin, which may
+    /// wait for other locks; `None` after the end.
     pub(super) fn take(
         &self,
         is_registered: bool,
@@ -271,23 +281,19 @@ impl ObjectJobs {
     ) -> Option<ClaimedObjectJob> {
         let mut state = self.state.lock();
         while !state.is_stopped {
-            let waiting = state.entries.iter_mut();
-            let waiting =
-                waiting.filter(|(_, e)| !e.is_running && e.job.is_registered == is_registered);
-            let oldest = waiting.min_by_key(|(_, e)| e.job.newest.trigger_ns);
-            match oldest {
-                Some((name, entry)) if may() => {
-                    entry.is_running = true;
-                    return Some(ClaimedObjectJob {
-                        name: name.clone(),
-                        generation: entry.generation,
-                        job: entry.job.clone(),
-                    });
-                }
-                Some(_) => {
-                    self.changed.wait_for(&mut state, LOOK_AGAIN);
-                }
-                None => self.changed.wait(&mut state),
+            if state.oldest(is_registered).is_none() {
+                self.changed.wait(&mut state);
+            } else if !MutexGuard::unlocked(&mut state, &may) {
+                self.changed.wait_for(&mut state, LOOK_AGAIN);
+            } else if !state.is_stopped
+                && let Some((name, entry)) = state.oldest(is_registered)
+            {
+                entry.is_running = true;
+                return Some(ClaimedObjectJob {
+                    name: name.clone(),
+                    generation: entry.generation,
+                    job: entry.job.clone(),
+                });
             }
         }
         None

@@ -4,7 +4,7 @@
 use crate::frame::CaptureId;
 use crate::log;
 use crate::storage::{read_text, write_atomically};
-use parking_lot::{Condvar, Mutex};
+use parking_lot::{Condvar, Mutex, MutexGuard};
 use serde_json::Value;
 use std::collections::{BTreeMap, VecDeque};
 use std::path::{Path, PathBuf};
@@ -211,14 +211,16 @@ impl Remakes {
         self.len() == 0
     }
 
-    /// The next one, once `may` says so; `None` at the end. It counts as running until [`Self::finish`].
+    /// The next one, once `may` says so, which may wait for other locks; `None` at the end. It counts as running until
+    /// [`Self::finish`].
     pub(super) fn take(&self, may: impl Fn() -> bool) -> Option<Remake> {
         let mut state = self.state.lock();
         loop {
+            let begins = !state.waiting.is_empty() && MutexGuard::unlocked(&mut state, &may);
             if state.is_stopped {
                 return None;
             }
-            if !state.waiting.is_empty() && may() {
+            if begins {
                 // The file stays as it is: it has this one first until it is made.
                 state.running = state.waiting.pop_front();
                 return state.running.clone();

@@ -2,6 +2,7 @@
 //! tests/workers.rs runs the real ones.
 
 use super::find::find;
+use super::remakes::Remake;
 use super::*;
 use crate::clock::Clock;
 use crate::frame::{CaptureId, Timestamp, Trigger};
@@ -533,4 +534,26 @@ fn clients_are_told_what_the_next_model_is_made_with_also_after_a_reload() {
     assert_eq!(told(&jobs), 36.0);
     jobs.set_settings(&settings(7.5)).unwrap();
     assert_eq!(told(&jobs), 7.5);
+}
+
+/// A status may ask for the backlog at any time, and what asks whether a job may begin waits for other locks.
+#[test]
+fn what_is_to_be_done_is_told_while_it_is_asked_whether_a_remake_or_an_object_may_begin() {
+    let place = Place::new("make");
+    let jobs = place.jobs();
+    let settings = [("hull.resolution".to_owned(), 120.into())].into();
+    let remake = Remake::new("a-0001", &settings).unwrap();
+    jobs.remakes().enqueue(remake).unwrap();
+    for capture in ["a-0001", "a-0002"] {
+        let job = Job::new(Path::new("s.mcap"), capture, at(0).0, "pedal");
+        jobs.objects().captured(job, "cup");
+    }
+    let (tell, told) = channel();
+    std::thread::spawn(move || {
+        let remake = jobs.remakes().take(|| jobs.backlog().remakes == 1);
+        let object = jobs.objects().take(false, || jobs.backlog().objects == 1);
+        tell.send((remake.is_some(), object.is_some()))
+    });
+    let limit = Duration::from_secs(20);
+    assert_eq!(told.recv_timeout(limit), Ok((true, true)));
 }
