@@ -575,7 +575,7 @@ fn restore(
         .collect();
     Ok(match parameters.method {
         Method::Hull => Restored::uncarved(restore::plain(template)),
-        Method::DepthHull => restore::depth_hull(template, &sources),
+        Method::DepthHull => restore::depth_hull(template, &sources, &parameters.restoration),
         Method::Hybrid => restore::restore(template, &sources, &parameters.restoration)?,
     })
 }

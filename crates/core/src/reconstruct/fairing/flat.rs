@@ -11,17 +11,15 @@ use std::collections::{BTreeMap, BTreeSet};
 const FLAT_PX: f64 = 1.25;
 /// The contours agree with an outline that is within so many pixels of them.
 const AGREES_PX: f64 = 0.75;
-/// At the table, contours may be off by so many pixels.
-const BLURRED_PX: f64 = 1.5;
 /// Length of contour that has to agree with a side, and edge of a square as large as the smallest side, in pixels.
 pub(super) const LEAST_PX: f64 = 16.0;
 /// Beyond a side's border the surface turns by more than this, but for a share of the border: strips of something round
 /// are no sides.
-const SHARP_COSINE: f64 = 0.906;
+pub(super) const SHARP_COSINE: f64 = 0.906;
 const BLUNT: f64 = 0.15;
 /// A neighbour with less than this share of the area is a bevel that noise makes: what lies beyond it tells how the
 /// surface turns.
-const NARROW: f64 = 0.1;
+pub(super) const NARROW: f64 = 0.1;
 /// Parts whose planes have normals within this angle (3 degrees) are one side if the corners of both lie within so many
 /// pixels of one plane: a plane through three corners that are off by a fraction of a pixel misses the fourth by
 /// several. Neighbouring strips of something round turn by more.
@@ -45,11 +43,13 @@ impl Plane {
 
 /// The flat parts of a convex hull.
 pub(super) struct Flat<'a> {
-    mesh: &'a Mesh,
+    pub(super) mesh: &'a Mesh,
     /// The part of each facet.
     pub(super) of_facet: Vec<Option<u32>>,
     pub(super) planes: Vec<Plane>,
     pub(super) areas: Vec<f64>,
+    /// Whether each facet lies on the table, once that was asked.
+    pub(super) is_foot: Vec<bool>,
     /// The two facets at each edge.
     at_edge: BTreeMap<(u32, u32), Vec<u32>>,
 }
@@ -66,6 +66,7 @@ impl<'a> Flat<'a> {
         let mut flat = Self {
             mesh,
             of_facet: vec![None; mesh.triangles.len()],
+            is_foot: vec![false; mesh.triangles.len()],
             planes: Vec::new(),
             areas: Vec::new(),
             at_edge,
@@ -159,22 +160,29 @@ impl<'a> Flat<'a> {
                     cosine = Some(cosine.map_or(turned, |largest| largest.max(turned)));
                 }
                 _ => {
-                    let corners = self.mesh.triangles[t as usize];
-                    for (a, b) in [(0, 1), (1, 2), (2, 0)].map(|(i, j)| (corners[i], corners[j])) {
-                        let beside = self.at_edge[&(a.min(b), a.max(b))].iter().copied();
-                        next.extend(beside.filter(|&other| seen.insert(other)));
-                    }
+                    let beside = self.beside_facet(t as usize);
+                    next.extend(beside.filter(|&other| seen.insert(other)));
                 }
             }
         }
         cosine
     }
 
+    /// The facets at the edges of a facet, itself among them.
+    pub(super) fn beside_facet(&self, t: usize) -> impl Iterator<Item = u32> {
+        let corners = self.mesh.triangles[t];
+        [(0, 1), (1, 2), (2, 0)]
+            .into_iter()
+            .map(move |(i, j)| (corners[i], corners[j]))
+            .flat_map(|(a, b)| &self.at_edge[&(a.min(b), a.max(b))])
+            .copied()
+    }
+
     fn corners(&self, t: usize) -> [Point3<f64>; 3] {
         self.mesh.corners(t).map(|c| c.cast())
     }
 
-    fn cross(&self, t: usize) -> Vector3<f64> {
+    pub(super) fn cross(&self, t: usize) -> Vector3<f64> {
         let [a, b, c] = self.corners(t);
         (b - a).cross(&(c - a))
     }
@@ -237,50 +245,13 @@ impl<'a> Flat<'a> {
         fitted(&points, members.iter().map(|&t| self.cross(t)).sum())
     }
 
-    /// Where two sides that meet reach the table, as far as the contours allow it. The lowest part of an edge is often
-    /// not certain, for shadows and the table blur the contours there.
-    pub(super) fn on_the_table(&self, contours: &[Contour], floor: f64) -> Vec<Point3<f32>> {
-        let allowed = |p: Point3<f64>| {
-            let mut seen = contours.iter().filter_map(|c| c.inside_px(p)).peekable();
-            seen.peek().is_some() && seen.all(|inside| inside > -BLURRED_PX)
-        };
-        let largest = self.areas.iter().copied().fold(0.0, f64::max);
-        let mut found = Vec::new();
-        for (a, sides) in meeting(self.mesh, &self.of_facet, self.planes.len())
-            .iter()
-            .enumerate()
-        {
-            for &b in sides.iter().filter(|&&b| b as usize > a) {
-                let b = b as usize;
-                let (first, second) = (&self.planes[a], &self.planes[b]);
-                let is_large = self.areas[a].min(self.areas[b]) > NARROW * largest;
-                if !is_large || first.normal.dot(&second.normal) > SHARP_COSINE {
-                    continue;
-                }
-                let rows = Matrix3::from_rows(&[
-                    first.normal.transpose(),
-                    second.normal.transpose(),
-                    Vector3::z().transpose(),
-                ]);
-                let heights = Vector3::new(first.height, second.height, floor);
-                // Two sides that hardly lean to the table meet it nowhere in particular.
-                if rows.determinant().abs() > 0.1
-                    && let Some(p) = rows.lu().solve(&heights)
-                    && allowed(p.into())
-                {
-                    found.push(Point3::from(p).cast());
-                }
-            }
-        }
-        found
-    }
-
     /// The part on the table is no side that a contour could show.
     pub(super) fn leave_out_the_foot(&mut self, floor: f64, near: f64) {
         for t in 0..self.of_facet.len() {
             let is_low = self.corners(t).iter().all(|p| p.z < floor + near);
             if is_low && self.cross(t).z < 0.0 {
                 self.of_facet[t] = None;
+                self.is_foot[t] = true;
             }
         }
     }

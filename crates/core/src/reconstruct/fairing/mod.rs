@@ -4,7 +4,7 @@
 //! - `contour` measures distances to a silhouette's contour, `reduced` makes silhouettes of larger pixels;
 //! - `shape` is the mesh that is moved, `certain` finds the edges that stay;
 //! - `sides` finds flat sides between such edges: `corners` are the points that span them, `flat` the parts of their
-//!   hull;
+//!   hull, `table_corners` those where sides meet on the table, `bevels` the strips between sides that are none;
 //! - `profile` finds relief that stands in profile, which stays;
 //! - `rounds` is one estimate of how far each vertex moves, `bending` what resists it, `solve` its equations;
 //! - `curved` is the smooth surface that a mesh stands for, `transfer` begins a finer mesh on it;
@@ -14,6 +14,7 @@
 
 mod accept;
 mod bending;
+mod bevels;
 mod certain;
 mod columns;
 mod contour;
@@ -29,12 +30,14 @@ mod rounds;
 mod shape;
 mod sides;
 mod solve;
+mod table_corners;
 mod transfer;
 
 pub use faired_solid::FairedSolid;
 
 use super::hull::{self, Hull};
 use super::surface::Lattice;
+use crate::calibration::Volume;
 use crate::mesh::{self, Mesh};
 use bending::Bending;
 use contour::Contour;
@@ -208,9 +211,13 @@ pub fn fair_hull(
         .map(|(cone, reduced)| Reduced::contour_or(reduced.as_ref(), cone))
         .collect();
     let shapes = shapes_of_levels(hull, lattice, &contours, pixel, parameters)?;
+    let object = Volume {
+        min: Point3::new(low.x.into(), low.y.into(), hull.volume().min.z),
+        max: high.cast(),
+    };
     let sides = shapes
         .last()
-        .and_then(|finest| Sides::find(&finest.edges(), &contours, pixel, hull.volume().min.z));
+        .and_then(|finest| Sides::find(&finest.edges(), &contours, pixel, &object));
     let inputs = FairingInputs {
         contours: &contours,
         sides: sides.as_ref(),

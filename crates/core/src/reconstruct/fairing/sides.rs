@@ -5,6 +5,8 @@
 use super::contour::Contour;
 use super::corners::needed;
 use super::flat::{Flat, LEAST_PX, Plane, meeting};
+use super::table_corners::Allowed;
+use crate::calibration::Volume;
 use crate::mesh::{Bvh, convex_hull};
 use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
@@ -26,16 +28,24 @@ pub(super) struct Sides {
 
 impl Sides {
     /// The sides between edges that go through `points`; `None` where there is none. `pixel` is the size of a pixel
-    /// in metres, `floor` the height of the table.
+    /// in metres, `object` the box around the hull, from the table up.
     pub(super) fn find(
         points: &[Point3<f64>],
         contours: &[Contour],
         pixel: f64,
-        floor: f64,
+        object: &Volume,
     ) -> Option<Self> {
+        let floor = object.min.z;
         let mut corners = needed(points, contours);
         let mesh = convex_hull(&corners)?;
-        corners.extend(Flat::of(&mesh, pixel).on_the_table(contours, floor));
+        let mut first = Flat::of(&mesh, pixel);
+        first.fit_to(points, pixel);
+        let allowed = Allowed {
+            contours,
+            object,
+            pixel,
+        };
+        corners.extend(first.corners_on_the_table(&allowed));
         let mesh = convex_hull(&corners)?;
         let mut found = Flat::of(&mesh, pixel);
         found.fit_to(points, pixel);
@@ -58,6 +68,7 @@ impl Sides {
         if !confirmed.contains(&true) {
             return None;
         }
+        found.give_bevels_to_sides(&confirmed);
         let of_facet: Vec<Option<u32>> = found
             .of_facet
             .iter()

@@ -1,7 +1,7 @@
 //! Compares faired hulls with shapes that are known exactly.
 
 use super::*;
-use crate::calibration::{Camera, Distortion, Intrinsics, Volume};
+use crate::calibration::{Camera, Distortion, Intrinsics};
 use crate::frame::CameraId;
 use crate::image::Grid;
 use crate::mesh::{Mesh, check, components};
@@ -258,8 +258,12 @@ fn the_same_bits_whatever_the_number_of_threads() {
     assert!(one.1 == three.1);
 }
 
-#[test]
-fn a_side_takes_only_vertices_that_no_outline_excludes_there() {
+/// The vertices of a box's hull that go onto flat sides where `bears` says so, where they are then. Of the points of the
+/// box's edges those are certain that are `certain`.
+fn put_on_sides(
+    certain: impl Fn(&Point3<f64>) -> bool,
+    bears: &(dyn Fn(Point3<f64>) -> bool + Sync),
+) -> Vec<Point3<f64>> {
     let cameras = ring(11, 640);
     let levels: Vec<_> = cameras.iter().map(cuboid).collect();
     let (plain, _) = faired(&cameras, &levels);
@@ -271,18 +275,49 @@ fn a_side_takes_only_vertices_that_no_outline_excludes_there() {
         let [a, b] = [corners()[a], corners()[b]];
         (0..=40).map(move |i| a + (b - a) * (f64::from(i) / 40.0))
     };
-    let edges: Vec<Point3<f64>> = ends.filter(|(a, b)| a != b).flat_map(along).collect();
-    let sides = Sides::find(&edges, &contours, 0.4 / 1024.0, 0.0).unwrap();
-    let taken = |bears: &(dyn Fn(Point3<f64>) -> bool + Sync)| {
-        let mut shape = Shape::new(&plain, 0.0, 1e-4);
-        shape.put_on(&sides, bears);
-        let is_on_side = |role: &&shape::Role| matches!(role, shape::Role::Side(_));
-        shape.roles.iter().filter(is_on_side).count()
+    let edges = ends.filter(|(a, b)| a != b).flat_map(along);
+    let edges: Vec<Point3<f64>> = edges.filter(certain).collect();
+    let object = Volume {
+        min: corners()[0],
+        max: corners()[7],
     };
+    let sides = Sides::find(&edges, &contours, 0.4 / 1024.0, &object).unwrap();
+    let mut shape = Shape::new(&plain, 0.0, 1e-4);
+    shape.put_on(&sides, bears);
+    let is_on_side = |v: &usize| matches!(shape.roles[*v], shape::Role::Side(_));
+    let on_sides = (0..shape.len()).filter(is_on_side);
+    on_sides.map(|v| shape.positions[v]).collect()
+}
+
+#[test]
+fn a_side_takes_only_vertices_that_no_outline_excludes_there() {
+    let taken = |bears: &(dyn Fn(Point3<f64>) -> bool + Sync)| put_on_sides(|_| true, bears).len();
     let (all, half) = (taken(&|_| true), taken(&|p| p.x > 0.0));
     assert!(
         all > 1000 && half > all / 4 && half < 3 * all / 4,
         "{half} of {all}"
     );
     assert_eq!(taken(&|_| false), 0);
+}
+
+#[test]
+fn sides_meet_where_no_edge_is_certain() {
+    let all = put_on_sides(|_| true, &|_| true).len();
+    // Near the table no edge is certain, and one that stands on it only at its top.
+    let top = 2.0 * BOX[2];
+    let is_certain = |p: &Point3<f64>| {
+        let is_of_first = (p.xy() - corners()[0].xy()).norm() < 1e-6;
+        p.z > 0.3 * top && (!is_of_first || p.z == top)
+    };
+    let on_sides = put_on_sides(is_certain, &|_| true);
+    assert!(
+        20 * on_sides.len() > 19 * all,
+        "{} of {all}",
+        on_sides.len()
+    );
+    for p in on_sides {
+        let off = [p.x.abs() - BOX[0], p.y.abs() - BOX[1], p.z - top];
+        let off = off.into_iter().fold(f64::NEG_INFINITY, f64::max);
+        assert!(off.abs() < 0.3e-3 || p.z < 1e-6, "{p}");
+    }
 }

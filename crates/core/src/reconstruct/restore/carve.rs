@@ -47,7 +47,12 @@ fn is_top_of_wall(source: &Source, x: usize, y: usize, carved: f32) -> bool {
 
 /// Keeps walls standing: [`break_through`] finds the rays that may open the object, [`keep_across`] what all others
 /// have to leave.
-fn keep_walls(carving: &mut Grid<f32>, source: &Source, cell_size: f64, parameters: &Parameters) {
+pub(super) fn keep_walls(
+    carving: &mut Grid<f32>,
+    source: &Source,
+    cell_size: f64,
+    parameters: &Parameters,
+) {
     let least_wall = 1e-3 * parameters.least_wall_mm;
     // A sheet thinner than this falls through the lattice.
     let wall = least_wall.max(1.5 * cell_size as f32);

@@ -211,17 +211,21 @@ fn carve_and_relax(
     Ok(restored)
 }
 
-/// The depth hull of the paper's Fig. 6: the hull carved by every depth in front of it, region or not.
-pub fn depth_hull(template: &Template, sources: &[Source]) -> Restored {
+/// The depth hull of the paper's Fig. 6: the hull carved by every depth in front of it, region or not, but for thin
+/// walls, which noise would perforate.
+pub fn depth_hull(template: &Template, sources: &[Source], parameters: &Parameters) -> Restored {
+    let cell_size = template.lattice.cell_size;
     let everywhere = |s: &Source| {
         let (depth, front) = (&s.depth.depth, &s.regions.front.depth);
-        Grid::from_fn(depth.width(), depth.height(), |x, y| {
+        let mut carving = Grid::from_fn(depth.width(), depth.height(), |x, y| {
             if front[(x, y)].is_finite() {
                 depth[(x, y)]
             } else {
                 0.0
             }
-        })
+        });
+        carve::keep_walls(&mut carving, s, cell_size, parameters);
+        carving
     };
     let depths = sources.iter().map(everywhere).collect();
     carve_by(template, sources, depths).1

@@ -1,0 +1,82 @@
+//! The corners that flat sides have at the height of the table. The lowest part of an edge is often not certain, for
+//! shadows and the table blur the contours there; where its sides go on to is known from the rest of them.
+
+use super::contour::Contour;
+use super::flat::{Flat, NARROW, Plane, SHARP_COSINE};
+use crate::calibration::Volume;
+use nalgebra::{Matrix3, Point3, Vector3};
+
+/// At the table, contours may be off by so many pixels.
+const BLURRED_PX: f64 = 1.5;
+/// Planes that are off by a fraction of a pixel may meet outside the contours. The corner is drawn in by up to so many
+/// pixels, in steps, until the contours allow it.
+const DRAWN_IN_PX: f64 = 3.0;
+const STEP_PX: f64 = 0.25;
+/// What faces down more than this, 26 degrees from straight down, is what the object stands on.
+const DOWN: f64 = -0.9;
+/// Two sides that hardly lean to the table meet it nowhere in particular: least determinant of the three unit normals.
+const LEAST_DETERMINANT: f64 = 0.1;
+
+/// Where the corners of an object may be.
+pub(super) struct Allowed<'a> {
+    pub(super) contours: &'a [Contour<'a>],
+    /// The box around the object's hull, from the table up.
+    pub(super) object: &'a Volume,
+    /// Size of a pixel in metres.
+    pub(super) pixel: f64,
+}
+
+impl Flat<'_> {
+    /// The corners of large sides at the height of the table, as far as the contours allow them.
+    pub(super) fn corners_on_the_table(&self, allowed: &Allowed) -> Vec<Point3<f32>> {
+        let largest = self.areas.iter().copied().fold(0.0, f64::max);
+        let sides: Vec<&Plane> = self
+            .planes
+            .iter()
+            .zip(&self.areas)
+            .filter(|(plane, area)| **area > NARROW * largest && plane.normal.z > DOWN)
+            .map(|(plane, _)| plane)
+            .collect();
+        let mut corners = Vec::new();
+        for (i, first) in sides.iter().enumerate() {
+            let turned = |second: &&&Plane| first.normal.dot(&second.normal) <= SHARP_COSINE;
+            let others = sides[i + 1..].iter().filter(turned);
+            corners.extend(others.filter_map(|second| allowed.corner(first, second)));
+        }
+        corners.iter().map(|corner| corner.cast()).collect()
+    }
+}
+
+impl Allowed<'_> {
+    /// The corner of two sides at the height of the table.
+    fn corner(&self, first: &Plane, second: &Plane) -> Option<Point3<f64>> {
+        let rows = Matrix3::from_rows(&[
+            first.normal.transpose(),
+            second.normal.transpose(),
+            Vector3::z().transpose(),
+        ]);
+        if rows.determinant().abs() <= LEAST_DETERMINANT {
+            return None;
+        }
+        let heights = Vector3::new(first.height, second.height, self.object.min.z);
+        let corner = Point3::from(rows.lu().solve(&heights)?);
+        let inwards = -(first.normal + second.normal).xy().try_normalize(1e-9)?;
+        let steps = (DRAWN_IN_PX / STEP_PX) as usize;
+        (0..=steps)
+            .map(|step| corner + (step as f64 * STEP_PX * self.pixel * inwards).push(0.0))
+            .find(|p| self.bears(*p))
+    }
+
+    /// Whether a point at the height of the table may be a corner of the object.
+    fn bears(&self, p: Point3<f64>) -> bool {
+        let margin = BLURRED_PX * self.pixel;
+        let (low, high) = (self.object.min, self.object.max);
+        let is_near = |axis: usize| (low[axis] - margin..=high[axis] + margin).contains(&p[axis]);
+        let mut seen = self
+            .contours
+            .iter()
+            .filter_map(|c| c.inside_px(p))
+            .peekable();
+        is_near(0) && is_near(1) && seen.peek().is_some() && seen.all(|inside| inside > -BLURRED_PX)
+    }
+}
