@@ -4,14 +4,15 @@
 use super::contour::Contour;
 use super::flat::{Flat, NARROW, Plane, SHARP_COSINE};
 use crate::calibration::Volume;
-use nalgebra::{Matrix3, Point3, Vector3};
+use nalgebra::{Matrix3, Point3, Vector2, Vector3};
 
 /// At the table, contours may be off by so many pixels.
 const BLURRED_PX: f64 = 1.5;
 /// Planes that are off by a fraction of a pixel may meet outside the contours. The corner is drawn in by up to so many
-/// pixels, in steps, until the contours allow it.
+/// pixels, in steps, until the contours allow it, unless another corner is within so many pixels.
 const DRAWN_IN_PX: f64 = 3.0;
 const STEP_PX: f64 = 0.25;
+const ANOTHER_PX: f64 = 6.0;
 /// What faces down more than this, 26 degrees from straight down, is what the object stands on.
 const DOWN: f64 = -0.9;
 /// Two sides that hardly lean to the table meet it nowhere in particular: least determinant of the three unit normals.
@@ -37,19 +38,36 @@ impl Flat<'_> {
             .filter(|(plane, area)| **area > NARROW * largest && plane.normal.z > DOWN)
             .map(|(plane, _)| plane)
             .collect();
-        let mut corners = Vec::new();
+        let mut meeting = Vec::new();
         for (i, first) in sides.iter().enumerate() {
             let turned = |second: &&&Plane| first.normal.dot(&second.normal) <= SHARP_COSINE;
             let others = sides[i + 1..].iter().filter(turned);
-            corners.extend(others.filter_map(|second| allowed.corner(first, second)));
+            meeting.extend(others.filter_map(|second| Meeting::of(first, second, allowed)));
+        }
+        let places = meeting.iter().map(|of| of.place);
+        let mut corners: Vec<Point3<f64>> = places.filter(|p| allowed.bears(*p)).collect();
+        let apart = ANOTHER_PX * allowed.pixel;
+        for drawn_in in meeting.iter().filter_map(|of| of.drawn_in(allowed)) {
+            if corners
+                .iter()
+                .all(|other| (other - drawn_in).norm() > apart)
+            {
+                corners.push(drawn_in);
+            }
         }
         corners.iter().map(|corner| corner.cast()).collect()
     }
 }
 
-impl Allowed<'_> {
-    /// The corner of two sides at the height of the table.
-    fn corner(&self, first: &Plane, second: &Plane) -> Option<Point3<f64>> {
+/// Where two sides meet at the height of the table.
+struct Meeting {
+    place: Point3<f64>,
+    /// Unit vector along the table to within both.
+    inwards: Vector2<f64>,
+}
+
+impl Meeting {
+    fn of(first: &Plane, second: &Plane, allowed: &Allowed) -> Option<Self> {
         let rows = Matrix3::from_rows(&[
             first.normal.transpose(),
             second.normal.transpose(),
@@ -58,15 +76,24 @@ impl Allowed<'_> {
         if rows.determinant().abs() <= LEAST_DETERMINANT {
             return None;
         }
-        let heights = Vector3::new(first.height, second.height, self.object.min.z);
-        let corner = Point3::from(rows.lu().solve(&heights)?);
-        let inwards = -(first.normal + second.normal).xy().try_normalize(1e-9)?;
-        let steps = (DRAWN_IN_PX / STEP_PX) as usize;
-        (0..=steps)
-            .map(|step| corner + (step as f64 * STEP_PX * self.pixel * inwards).push(0.0))
-            .find(|p| self.bears(*p))
+        let heights = Vector3::new(first.height, second.height, allowed.object.min.z);
+        Some(Self {
+            place: rows.lu().solve(&heights)?.into(),
+            inwards: -(first.normal + second.normal).xy().try_normalize(1e-9)?,
+        })
     }
 
+    /// The place as far inwards as it has to be to be allowed.
+    fn drawn_in(&self, allowed: &Allowed) -> Option<Point3<f64>> {
+        let steps = (DRAWN_IN_PX / STEP_PX) as usize;
+        let way = |step: usize| self.inwards * (step as f64 * STEP_PX * allowed.pixel);
+        (0..=steps)
+            .map(|step| self.place + way(step).push(0.0))
+            .find(|p| allowed.bears(*p))
+    }
+}
+
+impl Allowed<'_> {
     /// Whether a point at the height of the table may be a corner of the object.
     fn bears(&self, p: Point3<f64>) -> bool {
         let margin = BLURRED_PX * self.pixel;
