@@ -1,6 +1,6 @@
-//! Narrow strips between flat sides. The points of one edge are a fraction of a pixel off each other, so that the convex
-//! hull has strips along it that are no sides, and between which and the sides nothing would be held. Which parts are
-//! sides is not decided here.
+//! Narrow strips between flat sides. The points of one edge are a fraction of a pixel off each other, so that the
+//! convex hull has strips along it that are no sides, and nothing would hold the surface there. Which parts are sides
+//! is not decided here.
 
 use super::flat::{Flat, NARROW};
 use std::collections::BTreeSet;

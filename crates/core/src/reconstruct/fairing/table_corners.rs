@@ -40,8 +40,8 @@ impl Flat<'_> {
             .collect();
         let mut meeting = Vec::new();
         for (i, first) in sides.iter().enumerate() {
-            let turned = |second: &&&Plane| first.normal.dot(&second.normal) <= SHARP_COSINE;
-            let others = sides[i + 1..].iter().filter(turned);
+            let is_turned = |second: &&&Plane| first.normal.dot(&second.normal) <= SHARP_COSINE;
+            let others = sides[i + 1..].iter().filter(is_turned);
             meeting.extend(others.filter_map(|second| Meeting::of(first, second, allowed)));
         }
         let places = meeting.iter().map(|of| of.place);

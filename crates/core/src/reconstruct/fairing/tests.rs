@@ -258,8 +258,8 @@ fn the_same_bits_whatever_the_number_of_threads() {
     assert!(one.1 == three.1);
 }
 
-/// The vertices of a box's hull that go onto flat sides where `bears` says so, where they are then. Of the points of the
-/// box's edges those are certain that are `certain`.
+/// Where the vertices of a box's hull are that go onto flat sides where `bears` says so. Of the points of the box's
+/// edges those are certain that are `certain`.
 fn put_on_sides(
     certain: impl Fn(&Point3<f64>) -> bool,
     bears: &(dyn Fn(Point3<f64>) -> bool + Sync),
