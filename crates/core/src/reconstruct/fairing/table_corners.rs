@@ -31,12 +31,15 @@ impl Flat<'_> {
     /// The corners of large sides at the height of the table, as far as the contours allow them.
     pub(super) fn corners_on_the_table(&self, allowed: &Allowed) -> Vec<Point3<f32>> {
         let largest = self.areas.iter().copied().fold(0.0, f64::max);
-        let sides: Vec<&Plane> = self
-            .planes
-            .iter()
-            .zip(&self.areas)
-            .filter(|(plane, area)| **area > NARROW * largest && plane.normal.z > DOWN)
-            .map(|(plane, _)| plane)
+        // Planes of strips of something round meet in front of it.
+        let is_side = |part: &usize| {
+            self.areas[*part] > NARROW * largest
+                && self.planes[*part].normal.z > DOWN
+                && self.has_sharp_border(*part as u32)
+        };
+        let sides: Vec<&Plane> = (0..self.planes.len())
+            .filter(is_side)
+            .map(|part| &self.planes[part])
             .collect();
         let mut meeting = Vec::new();
         for (i, first) in sides.iter().enumerate() {
