@@ -43,7 +43,7 @@ impl Plane {
 
 /// The flat parts of a convex hull.
 pub(super) struct Flat<'a> {
-    mesh: &'a Mesh,
+    pub(super) mesh: &'a Mesh,
     /// The part of each facet.
     pub(super) of_facet: Vec<Option<u32>>,
     pub(super) planes: Vec<Plane>,

@@ -2,7 +2,7 @@
 //! shadows and the table blur the contours there; where its sides go on to is known from the rest of them.
 
 use super::contour::Contour;
-use super::flat::{Flat, NARROW, Plane, SHARP_COSINE};
+use super::flat::{Flat, NARROW, Plane, SHARP_COSINE, meeting};
 use crate::calibration::Volume;
 use nalgebra::{Matrix3, Point3, Vector2, Vector3};
 
@@ -31,26 +31,30 @@ impl Flat<'_> {
     /// The corners of large sides at the height of the table, as far as the contours allow them.
     pub(super) fn corners_on_the_table(&self, allowed: &Allowed) -> Vec<Point3<f32>> {
         let largest = self.areas.iter().copied().fold(0.0, f64::max);
-        // Planes of strips of something round meet in front of it.
-        let is_side = |part: &usize| {
-            self.areas[*part] > NARROW * largest
-                && self.planes[*part].normal.z > DOWN
-                && self.has_sharp_border(*part as u32)
+        let is_large = |part: &usize| {
+            self.areas[*part] > NARROW * largest && self.planes[*part].normal.z > DOWN
         };
-        let sides: Vec<&Plane> = (0..self.planes.len())
-            .filter(is_side)
-            .map(|part| &self.planes[part])
+        let sides: Vec<usize> = (0..self.planes.len()).filter(is_large).collect();
+        let is_sharp: Vec<bool> = (0..self.planes.len())
+            .map(|part| sides.contains(&part) && self.has_sharp_border(part as u32))
             .collect();
-        let mut meeting = Vec::new();
-        for (i, first) in sides.iter().enumerate() {
-            let is_turned = |second: &&&Plane| first.normal.dot(&second.normal) <= SHARP_COSINE;
-            let others = sides[i + 1..].iter().filter(is_turned);
-            meeting.extend(others.filter_map(|second| Meeting::of(first, second, allowed)));
+        let beside = meeting(self.mesh, &self.of_facet, self.planes.len());
+        let mut meetings = Vec::new();
+        for (i, &first) in sides.iter().enumerate() {
+            for &second in &sides[i + 1..] {
+                // Planes of strips of something round meet in front of it.
+                let may_meet =
+                    beside[first].contains(&(second as u32)) || is_sharp[first] && is_sharp[second];
+                let [a, b] = [first, second].map(|part| &self.planes[part]);
+                if may_meet && a.normal.dot(&b.normal) <= SHARP_COSINE {
+                    meetings.extend(Meeting::of(a, b, allowed));
+                }
+            }
         }
-        let places = meeting.iter().map(|of| of.place);
+        let places = meetings.iter().map(|of| of.place);
         let mut corners: Vec<Point3<f64>> = places.filter(|p| allowed.bears(*p)).collect();
         let apart = ANOTHER_PX * allowed.pixel;
-        for drawn_in in meeting.iter().filter_map(|of| of.drawn_in(allowed)) {
+        for drawn_in in meetings.iter().filter_map(|of| of.drawn_in(allowed)) {
             if corners
                 .iter()
                 .all(|other| (other - drawn_in).norm() > apart)
