@@ -13,8 +13,8 @@ struct Strip {
 }
 
 impl Flat<'_> {
-    /// Gives the facets of narrow strips between sides to the side beside the strip that they face most, so that sides
-    /// meet at one edge. `is_side` says it of each part.
+    /// Gives each facet of a narrow strip between sides to that side beside the strip that it faces most, so that sides
+    /// meet at one edge. `is_side` says of each part whether it is a side.
     pub(super) fn give_bevels_to_sides(&mut self, is_side: &[bool]) {
         for strip in self.strips(is_side) {
             let area: f64 = strip

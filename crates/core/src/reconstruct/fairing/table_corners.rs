@@ -30,27 +30,7 @@ pub(super) struct Allowed<'a> {
 impl Flat<'_> {
     /// The corners of large sides at the height of the table, as far as the contours allow them.
     pub(super) fn corners_on_the_table(&self, allowed: &Allowed) -> Vec<Point3<f32>> {
-        let largest = self.areas.iter().copied().fold(0.0, f64::max);
-        let is_large = |part: &usize| {
-            self.areas[*part] > NARROW * largest && self.planes[*part].normal.z > DOWN
-        };
-        let sides: Vec<usize> = (0..self.planes.len()).filter(is_large).collect();
-        let is_sharp: Vec<bool> = (0..self.planes.len())
-            .map(|part| sides.contains(&part) && self.has_sharp_border(part as u32))
-            .collect();
-        let beside = meeting(self.mesh, &self.of_facet, self.planes.len());
-        let mut meetings = Vec::new();
-        for (i, &first) in sides.iter().enumerate() {
-            for &second in &sides[i + 1..] {
-                // Planes of strips of something round meet in front of it.
-                let may_meet =
-                    beside[first].contains(&(second as u32)) || is_sharp[first] && is_sharp[second];
-                let [a, b] = [first, second].map(|part| &self.planes[part]);
-                if may_meet && a.normal.dot(&b.normal) <= SHARP_COSINE {
-                    meetings.extend(Meeting::of(a, b, allowed));
-                }
-            }
-        }
+        let meetings = self.meetings(allowed.object.min.z);
         let places = meetings.iter().map(|of| of.place);
         let mut corners: Vec<Point3<f64>> = places.filter(|p| allowed.bears(*p)).collect();
         let apart = ANOTHER_PX * allowed.pixel;
@@ -64,6 +44,33 @@ impl Flat<'_> {
         }
         corners.iter().map(|corner| corner.cast()).collect()
     }
+
+    /// Where large sides meet at the height of the table, if they share a vertex or the borders of both are sharp:
+    /// planes of strips of something round meet in front of it.
+    fn meetings(&self, floor: f64) -> Vec<Meeting> {
+        let largest = self.areas.iter().copied().fold(0.0, f64::max);
+        let is_large = |part: &usize| {
+            self.areas[*part] > NARROW * largest && self.planes[*part].normal.z > DOWN
+        };
+        let sides: Vec<usize> = (0..self.planes.len()).filter(is_large).collect();
+        let sharp: Vec<bool> = sides
+            .iter()
+            .map(|&side| self.has_sharp_border(side as u32))
+            .collect();
+        let beside = meeting(self.mesh, &self.of_facet, self.planes.len());
+        let mut meetings = Vec::new();
+        for i in 0..sides.len() {
+            for j in i + 1..sides.len() {
+                let may_meet =
+                    beside[sides[i]].contains(&(sides[j] as u32)) || sharp[i] && sharp[j];
+                let [first, second] = [i, j].map(|side| &self.planes[sides[side]]);
+                if may_meet && first.normal.dot(&second.normal) <= SHARP_COSINE {
+                    meetings.extend(Meeting::of(first, second, floor));
+                }
+            }
+        }
+        meetings
+    }
 }
 
 /// Where two sides meet at the height of the table.
@@ -74,7 +81,7 @@ struct Meeting {
 }
 
 impl Meeting {
-    fn of(first: &Plane, second: &Plane, allowed: &Allowed) -> Option<Self> {
+    fn of(first: &Plane, second: &Plane, floor: f64) -> Option<Self> {
         let rows = Matrix3::from_rows(&[
             first.normal.transpose(),
             second.normal.transpose(),
@@ -83,7 +90,7 @@ impl Meeting {
         if rows.determinant().abs() <= LEAST_DETERMINANT {
             return None;
         }
-        let heights = Vector3::new(first.height, second.height, allowed.object.min.z);
+        let heights = Vector3::new(first.height, second.height, floor);
         Some(Self {
             place: rows.lu().solve(&heights)?.into(),
             inwards: -(first.normal + second.normal).xy().try_normalize(1e-9)?,
