@@ -26,7 +26,7 @@ pub enum Method {
     Hybrid,
     /// The visual hull alone.
     Hull,
-    /// The hull carved by depth everywhere.
+    /// The hull carved by depth everywhere, but for thin walls.
     DepthHull,
 }
 
