@@ -9,7 +9,7 @@ use super::restore::{self, EvenWalls, Restored, Source, Template};
 use super::silhouette::{self, Silhouette};
 use super::surface::Solid;
 use super::texture;
-use super::uncertainty::{self, FairedHull, OutsideErrors, UnrequiredPiece};
+use super::uncertainty::{self, FairedHull, OutsideErrors, RoundBody, UnrequiredPiece};
 use super::{DepthView, FusedCaptures, Model, Progress, Scene, Stage, Texture};
 use crate::calibration::DepthCamera;
 use crate::image::Mask;
@@ -200,12 +200,17 @@ pub fn reconstruct_from(
         Some(Ok(surface)) => &surface.faired.solid,
         _ => &hull,
     };
+    let round_body = match &faired {
+        Some(Ok(surface)) => RoundBody::find(&surface.faired.touches),
+        _ => None,
+    };
     let faired_hull = match &faired {
         Some(Ok(surface)) => Some(FairedHull {
             plain: &extracted.surface.mesh,
             solid: &surface.faired.solid,
             contour_rms_px: surface.faired.facts.contour_rms_px,
             touches: &surface.faired.touches,
+            round_body: round_body.as_ref(),
         }),
         _ => None,
     };

@@ -37,15 +37,16 @@ struct Piece {
 
 /// Decides for each place between the faired positions of `shape` and the hull's, `before`, and measures; refuses where
 /// most of it has to stay the hull. A pixel of `contours` is `times` pixels of the pictures. Also returns the vertices
-/// at which an outline of the faired surface lies on a contour, in ascending order.
+/// at which an outline of the faired surface lies on a contour, in ascending order, each with that contour's number.
 pub(super) fn keep_hull(
     shape: &mut Shape,
     before: &[Point3<f64>],
     contours: &[Contour],
     times: f64,
-) -> Result<(Facts, Vec<u32>), Refusal> {
+) -> Result<(Facts, Vec<(u32, usize)>), Refusal> {
     let of_contour = |c: &Contour| pieces(shape, before, c);
     let of_contours: Vec<Vec<Piece>> = contours.par_iter().map(of_contour).collect();
+    let touching = touching(&of_contours);
     let pieces: Vec<Piece> = of_contours.into_iter().flatten().collect();
     let (disagreeing, thin) = (disagreeing(shape, &pieces), too_thin(shape, before));
     let either: Vec<bool> = disagreeing.iter().zip(&thin).map(|(d, t)| d | t).collect();
@@ -72,13 +73,18 @@ pub(super) fn keep_hull(
         moved_area: moved_area(shape, before, &areas),
         area,
     };
-    Ok((facts, touching(&pieces)))
+    Ok((facts, touching))
 }
 
-/// The vertices at which an outline of the faired surface lies on a contour, in ascending order.
-fn touching(pieces: &[Piece]) -> Vec<u32> {
-    let lying = pieces.iter().filter(|piece| piece.faired < LYING_PX);
-    let mut vertices: Vec<u32> = lying.map(|piece| piece.vertices[0]).collect();
+/// The vertices at which an outline of the faired surface lies on a contour, in ascending order, each with that
+/// contour's number.
+fn touching(of_contours: &[Vec<Piece>]) -> Vec<(u32, usize)> {
+    let of_contour = |(contour, pieces): (usize, &Vec<Piece>)| {
+        let lying = pieces.iter().filter(|piece| piece.faired < LYING_PX);
+        lying.map(|piece| (piece.vertices[0], contour)).collect()
+    };
+    let each: Vec<Vec<(u32, usize)>> = of_contours.iter().enumerate().map(of_contour).collect();
+    let mut vertices = each.concat();
     vertices.sort_unstable();
     vertices.dedup();
     vertices

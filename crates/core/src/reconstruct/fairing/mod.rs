@@ -41,7 +41,7 @@ use crate::calibration::Volume;
 use crate::mesh::{self, Mesh};
 use bending::Bending;
 use contour::Contour;
-use nalgebra::Point3;
+use nalgebra::{Point3, Vector3};
 use profile::Profiles;
 use rayon::prelude::*;
 use reduced::Reduced;
@@ -88,14 +88,25 @@ struct RefinementLevel {
     bending: Bending,
 }
 
+/// A point of a faired surface at which an outline of it lies on a contour.
+#[derive(Clone, Copy, Debug)]
+pub struct Touch {
+    /// Where it is.
+    pub point: Point3<f64>,
+    /// The surface's outward normal there.
+    pub normal: Vector3<f64>,
+    /// The direction in which the contour's camera sees it.
+    pub view: Vector3<f64>,
+}
+
 /// A faired hull.
 pub struct Faired {
     /// The solid that it bounds.
     pub solid: FairedSolid,
     /// How it came out.
     pub facts: Facts,
-    /// Where it is known best: points of its surface at which an outline of it lies on a contour.
-    pub touches: Vec<Point3<f64>>,
+    /// Where it is known best.
+    pub touches: Vec<Touch>,
     /// The mesh that the solid's surface runs through.
     shape: Shape,
     /// Where the mesh's vertices were on the hull.
@@ -227,8 +238,15 @@ pub fn fair_hull(
     let (mut shape, start) = inputs.fair(shapes).ok_or(Refusal::TooThin)?;
     shape.update_normals();
     let (facts, touching) = accept::keep_hull(&mut shape, &start, &contours, times as f64)?;
-    let touches = touching.iter().map(|&v| shape.positions[v as usize]);
-    let touches = touches.collect();
+    let touch = |&(vertex, contour): &(u32, usize)| {
+        let point = shape.positions[vertex as usize];
+        Touch {
+            point,
+            normal: shape.normals[vertex as usize],
+            view: (point - contours[contour].camera.center()).normalize(),
+        }
+    };
+    let touches = touching.iter().map(touch).collect();
     let solid = FairedSolid::new(&shape, sides, *lattice, hull.bounds().clone());
     Ok(Faired {
         solid,

@@ -2,9 +2,9 @@
 //! hull's vertices, from the silhouettes around each. `touch` finds the viewing edge through a vertex and where the
 //! true surface touches it, `depth_of_surface` computes how far the surface then lies beneath the vertex, `readings`
 //! tells what depth cameras read of it, `disagreement` by how much they contradict it, `hollow` what may hide beneath a
-//! lid, `cut` where the volume cuts the object, and `patches` spreads the results of some vertices over all. `outside`
-//! states before any carving what silhouettes alone leave open. `unrequired` marks whole pieces that no silhouette
-//! requires. Nothing here moves a vertex.
+//! lid, `cut` where the volume cuts the object, `round_body` how well a body of revolution is known between touches,
+//! and `patches` spreads the results of some vertices over all. `outside` states before any carving what silhouettes
+//! alone leave open. `unrequired` marks whole pieces that no silhouette requires. Nothing here moves a vertex.
 
 mod cut;
 mod depth_of_surface;
@@ -14,12 +14,13 @@ mod inside;
 mod outside;
 mod patches;
 mod readings;
+mod round_body;
 #[cfg(test)]
 pub(crate) mod testing;
 mod touch;
 mod unrequired;
 
-use super::fairing::FairedSolid;
+use super::fairing::{FairedSolid, Touch};
 use super::hull::Hull;
 use super::{Model, Provenance};
 use crate::mesh::{Bvh, Mesh};
@@ -31,6 +32,7 @@ pub use outside::OutsideErrors;
 use patches::Patches;
 use rayon::prelude::*;
 pub use readings::{Readings, beneath};
+pub use round_body::RoundBody;
 use touch::ViewingEdge;
 pub use unrequired::{UnrequiredPiece, mark_unrequired};
 
@@ -50,13 +52,18 @@ pub struct FairedHull<'a> {
     /// Root mean square distance of the contours to its outlines, in pixels.
     pub contour_rms_px: f64,
     /// Points of its surface at which an outline lies on a contour.
-    pub touches: &'a [Point3<f64>],
+    pub touches: &'a [Touch],
+    /// The body of revolution that it is, if they show one.
+    pub round_body: Option<&'a RoundBody>,
 }
 
 impl FairedHull<'_> {
     /// How far a point is from the nearest one at which an outline lies on a contour, in metres; 0 where there is none.
     fn way_to_touch(&self, p: Point3<f64>) -> f64 {
-        let squares = self.touches.iter().map(|touch| (touch - p).norm_squared());
+        let squares = self
+            .touches
+            .iter()
+            .map(|touch| (touch.point - p).norm_squared());
         squares.reduce(f64::min).unwrap_or(0.0).sqrt()
     }
 }
@@ -277,6 +284,9 @@ impl Evidence<'_> {
         } else {
             0.0
         };
+        // What hides below a lid is not shown by how round its border is.
+        let of_round_body = self.of_round_body(place).filter(|_| hidden == 0.0);
+        let of_outside = of_round_body.map_or(of_outside, |error| error.min(of_outside));
         let of_outside = of_outside.max(disagreement(point, normal, &self.readings));
         let beneath = beneath(point, normal, &self.readings).unwrap_or(0.0);
         Stated {
@@ -291,6 +301,13 @@ impl Evidence<'_> {
             (Some(faired), Some(moved)) => of_faired(faired, place, of_hull, moved, shares),
             _ => of_hull,
         }
+    }
+
+    /// What is expected of the outside at a place where the object is shown to be a body of revolution.
+    fn of_round_body(&self, place: &Place) -> Option<f64> {
+        let body = self.faired?.round_body?;
+        let expected = body.expected(place.point, place.normal.cast())?;
+        Some(expected.hypot(STATED.of_contour * place.of_contour))
     }
 
     /// The shares that a model states at a place: the more, the fewer outlines confirm it, and the worse the faired
