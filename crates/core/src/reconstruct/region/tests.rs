@@ -5,7 +5,6 @@ use crate::calibration::{Camera, DepthCamera, DepthResponse, Distortion, Intrins
 use crate::frame::CameraId;
 use crate::mesh::{Mesh, vertex_normals};
 use crate::reconstruct::depth::{Facts, SensorNoise};
-use crate::reconstruct::testing;
 use nalgebra::{Isometry3, Point3, Vector2, Vector3};
 
 fn overhead() -> DepthCamera {
@@ -118,29 +117,4 @@ fn without_a_table_the_bias_is_how_far_all_lies_behind_what_contains_the_object(
     );
     assert_eq!(found.source, BiasSource::Hull);
     assert!((found.metres - 5e-3).abs() < 1e-5, "{found:?}");
-}
-
-#[test]
-fn a_region_grows_over_what_is_read_where_the_hull_is_steep_but_not_over_what_is_filled_in() {
-    const SIDE: usize = 40;
-    let is_hollow = |x: usize, y: usize| (10..30).contains(&x) && (10..30).contains(&y);
-    // Two strips along the hollow's borders, of which nothing was read in the right one.
-    let (left, right) = (10..13, 27..30);
-    let (mut depth, seen) = testing::evidence(0.7, Grid::filled(SIDE, SIDE, 0));
-    depth.depth = Grid::from_fn(SIDE, SIDE, |x, y| if is_hollow(x, y) { 0.72 } else { 0.7 });
-    depth.kind = Grid::from_fn(SIDE, SIDE, |x, y| {
-        match is_hollow(x, y) && right.contains(&x) {
-            true => DepthKind::Filled,
-            false => DepthKind::Measured,
-        }
-    });
-    let mut front = seen.front;
-    front.is_front = Grid::from_fn(SIDE, SIDE, |x, _| !left.contains(&x) && !right.contains(&x));
-    let object = Mask::filled(SIDE, SIDE, 255);
-    let found = find(front, &depth, seen.bias, &object, &Parameters::default());
-    assert_eq!(found.count, 1);
-    for (x, y) in (0..SIDE).flat_map(|y| (0..SIDE).map(move |x| (x, y))) {
-        let belongs = is_hollow(x, y) && !right.contains(&x);
-        assert_eq!(found.contains(x, y), belongs, "{x} {y}");
-    }
 }
