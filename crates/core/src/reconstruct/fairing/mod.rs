@@ -91,11 +91,11 @@ struct RefinementLevel {
 /// A point of a faired surface at which an outline of it lies on a contour.
 #[derive(Clone, Copy, Debug)]
 pub struct Touch {
-    /// Where it is.
+    /// Where it is, in metres in the hull's frame.
     pub point: Point3<f64>,
-    /// The surface's outward normal there.
+    /// The surface's outward unit normal there.
     pub normal: Vector3<f64>,
-    /// The direction in which the contour's camera sees it.
+    /// The unit vector along which the contour's camera sees it.
     pub view: Vector3<f64>,
 }
 

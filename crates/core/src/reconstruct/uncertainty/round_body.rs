@@ -3,6 +3,7 @@
 //! assumed: what does not fit states nothing.
 
 use crate::reconstruct::fairing::Touch;
+use crate::statistics::upper_median;
 use nalgebra::{Matrix3, Matrix4, Point3, Vector2, Vector3, Vector4};
 use std::f64::consts::TAU;
 
@@ -13,7 +14,7 @@ const ROUNDS: usize = 15;
 /// Largest tilt of the axis, as a tangent: bodies of revolution stand on the table.
 const MOST_TILT: f64 = 0.18;
 /// How far the normals of half of the touches may pass by the axis, as a share of their distance from it. A cup and a
-/// bowl have 0.006, a box 0.23; an oval has half of what its axes differ by.
+/// bowl have 0.006, a box has 0.23, and an oval whose axes differ by 4 % has this.
 const MOST_PASSED: f64 = 0.03;
 /// The profile at a place follows from the touches nearer than this share of the body's size that face much as it does
 /// (given as a cosine); so many at least.
@@ -32,7 +33,7 @@ const ACROSS: f64 = 0.7;
 /// Touches that fit have to lie on both sides of a place along the profile, so many at least on each: beyond its last
 /// touch nothing shows how a profile goes on.
 const LEAST_ON_A_SIDE: usize = 3;
-/// Share of the scatter of touches around the profile that is expected of a place between them.
+/// A place between touches is expected to be off by so many times their scatter around the profile.
 const OF_SCATTER: f64 = 1.25;
 
 /// A body of revolution.
@@ -295,11 +296,7 @@ fn trust(residual: f64) -> f64 {
 /// The median of sizes; a little more than nothing.
 fn usual_size(values: &[f64]) -> f64 {
     let mut sizes: Vec<f64> = values.iter().map(|value| value.abs()).collect();
-    sizes.sort_unstable_by(f64::total_cmp);
-    sizes
-        .get(sizes.len() / 2)
-        .map_or(0.0, |&size| size)
-        .max(1e-9)
+    upper_median(&mut sizes).unwrap_or(0.0).max(1e-9)
 }
 
 #[cfg(test)]
