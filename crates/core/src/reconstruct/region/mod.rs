@@ -184,22 +184,22 @@ pub fn find(
         bias,
     };
     if sigma_difference > 1e-3 * parameters.alpha_mm {
-        let beyond = |k| beyond_noise(&regions, depth, k, parameters);
+        let beyond =
+            |difference: &Grid<f32>, k| beyond_noise(&regions, difference, depth, k, parameters);
+        let sure = parameters.significance;
+        let remaining = regions.bias.remaining;
+        let within = on_object(&regions, depth, remaining, parameters);
         let (hollow, behind) = rayon::join(
-            || {
-                let remaining = regions.bias.remaining;
-                let rims = on_object(&regions, depth, remaining, parameters);
-                hollow::depth_below_rims(depth, object, &rims, hollow::FOUR_DIRECTIONS)
-            },
+            || hollow::depth_below_rims(depth, object, &within, hollow::FOUR_DIRECTIONS),
             || behind_the_hull(&regions, depth, parameters),
         );
         let supported = support::by_readings(depth, &hollow, 1e-3 * parameters.least_hollow_mm);
-        let both = |a: Grid<bool>| {
-            Grid::from_fn(a.width(), a.height(), |x, y| a[(x, y)] && supported[(x, y)])
-        };
+        let likely = beyond(&regions.difference, parameters.growing_significance);
+        let steep = beyond(&steep_difference(&regions, depth, &within), sure);
+        let belongs = |x, y| (likely[(x, y)] || steep[(x, y)]) && supported[(x, y)];
         let evidence = segment::Evidence {
-            significant: &beyond(parameters.significance),
-            belongs: &both(beyond(parameters.growing_significance)),
+            significant: &beyond(&regions.difference, sure),
+            belongs: &Grid::from_fn(likely.width(), likely.height(), belongs),
             behind: &behind,
             hollow: &hollow,
         };
@@ -219,6 +219,18 @@ fn difference(front: &HullRenderings, depth: &EnhancedDepth) -> Grid<f32> {
     })
 }
 
+/// The difference of readings `within` the hull where it is too steep for equation 4, less the bias; NaN elsewhere.
+/// Edges of a faired hull are round, and such a strip runs along each: without its readings the region would be ragged.
+fn steep_difference(regions: &Regions, depth: &EnhancedDepth, within: &Grid<bool>) -> Grid<f32> {
+    let front = &regions.front;
+    Grid::from_fn_parallel(depth.depth.width(), depth.depth.height(), |x, y| {
+        if !within[(x, y)] || front.is_front[(x, y)] {
+            return f32::NAN;
+        }
+        depth.depth[(x, y)] - regions.bias.metres as f32 - front.depth[(x, y)]
+    })
+}
+
 /// σF of equation 5, over the pixels where there is a difference.
 fn standard_deviation(difference: &Grid<f32>) -> f32 {
     let values = || {
@@ -233,11 +245,12 @@ fn standard_deviation(difference: &Grid<f32>) -> f32 {
     (values().map(|f| (f - mean).powi(2)).sum::<f64>() / count).sqrt() as f32
 }
 
-/// Where the difference exceeds `significance` times what noise, slope and registration explain. Along the
+/// Where a `difference` exceeds `significance` times what noise, slope and registration explain. Along the
 /// hull's outline, readings of what lies behind the object are the mixed pixels of its contour, and count as
 /// nothing.
 fn beyond_noise(
     regions: &Regions,
+    difference: &Grid<f32>,
     depth: &EnhancedDepth,
     significance: f32,
     parameters: &Parameters,
@@ -245,7 +258,7 @@ fn beyond_noise(
     let least = 1e-3 * parameters.least_difference_mm;
     let remaining = regions.bias.remaining as f32;
     Grid::from_fn_parallel(depth.depth.width(), depth.depth.height(), |x, y| {
-        let f = regions.difference[(x, y)];
+        let f = difference[(x, y)];
         if !f.is_finite() {
             return false;
         }

@@ -1,36 +1,46 @@
 //! Decides which pixels a region may grow over. Pixels with a reading may. A hole of the depth may be the wall of a
 //! hollow, too steep to be read; then a reading of that hollow lies at its end. A hole between an object's top and
-//! the table beside it is the object's side, and the depth that was filled in there means nothing.
+//! the table beside it is the object's side, and the depth that was filled in there means nothing. Where it is deeper
+//! than the hollow, it was filled in from something else, too.
 
 use super::hollow::{FOUR_DIRECTIONS, lines};
 use crate::image::Grid;
 use crate::reconstruct::depth::{DepthKind, EnhancedDepth};
 
 /// The pixels with a reading, and those without one from which a row, column or diagonal leads over others like them
-/// to a reading that is hollow by `least`, in metres.
+/// to a reading that is hollow by `least`, in metres, and at least as deep as they are.
 pub(super) fn by_readings(depth: &EnhancedDepth, hollow: &Grid<f32>, least: f32) -> Grid<bool> {
     let mut supported = depth.kind.map(|&k| k == DepthKind::Measured);
     let (width, height) = (supported.width(), supported.height());
+    // How deep the hollow is at an end of a hole.
+    let end = |pixel: (usize, usize)| {
+        let is_hollow = depth.kind[pixel] == DepthKind::Measured && hollow[pixel] > least;
+        if is_hollow {
+            depth.depth[pixel]
+        } else {
+            f32::NEG_INFINITY
+        }
+    };
     let mut hole = Vec::new();
     for line in lines(width, height, FOUR_DIRECTIONS) {
-        // Whether the hole began at a hollow reading.
-        let mut begins_hollow = false;
+        let mut begins = f32::NEG_INFINITY;
         hole.clear();
+        let mut support = |hole: &[(usize, usize)], deepest: f32| {
+            for &p in hole.iter().filter(|&&p| depth.depth[p] <= deepest) {
+                supported[p] = true;
+            }
+        };
         for pixel in line {
             if depth.kind[pixel] == DepthKind::Filled {
                 hole.push(pixel);
                 continue;
             }
-            let is_hollow = depth.kind[pixel] == DepthKind::Measured && hollow[pixel] > least;
-            if begins_hollow || is_hollow {
-                hole.iter().for_each(|&p| supported[p] = true);
-            }
+            let ends = end(pixel);
+            support(&hole, begins.max(ends));
             hole.clear();
-            begins_hollow = is_hollow;
+            begins = ends;
         }
-        if begins_hollow {
-            hole.iter().for_each(|&p| supported[p] = true);
-        }
+        support(&hole, begins);
     }
     supported
 }
@@ -41,7 +51,9 @@ mod tests {
     use crate::reconstruct::depth::{Facts, SensorNoise};
 
     #[test]
-    fn a_hole_is_supported_by_a_hollow_reading_at_its_end_alone() {
+    fn a_hole_is_supported_by_a_hollow_reading_at_its_end_alone_that_is_as_deep() {
+        /// Here the depth that was filled in is deeper than the floor.
+        const TOO_DEEP: usize = 6;
         // One row: top, unread wall, hollow floor, unread wall, top, unread side, table.
         let kinds = b"mmffmmffmmffmm";
         let kind = Grid::from_fn(kinds.len(), 1, |x, _| match kinds[x] {
@@ -50,7 +62,7 @@ mod tests {
         });
         let hollow = Grid::from_fn(kinds.len(), 1, |x, _| f32::from(u8::from(x == 4 || x == 5)));
         let depth = EnhancedDepth {
-            depth: Grid::filled(kinds.len(), 1, 1.0),
+            depth: Grid::from_fn(kinds.len(), 1, |x, _| if x == TOO_DEEP { 1.1 } else { 1.0 }),
             sigma: Grid::filled(kinds.len(), 1, 0.0),
             kind,
             noise: SensorNoise {
@@ -63,7 +75,8 @@ mod tests {
         };
         let supported = by_readings(&depth, &hollow, 0.5);
         for x in 0..kinds.len() {
-            assert_eq!(supported[(x, 0)], !(10..12).contains(&x), "pixel {x}");
+            let is_supported = x != TOO_DEEP && !(10..12).contains(&x);
+            assert_eq!(supported[(x, 0)], is_supported, "pixel {x}");
         }
     }
 }

@@ -5,6 +5,7 @@ use crate::calibration::{Camera, DepthCamera, DepthResponse, Distortion, Intrins
 use crate::frame::CameraId;
 use crate::mesh::{Mesh, vertex_normals};
 use crate::reconstruct::depth::{Facts, SensorNoise};
+use crate::reconstruct::testing;
 use nalgebra::{Isometry3, Point3, Vector2, Vector3};
 
 fn overhead() -> DepthCamera {
@@ -117,4 +118,36 @@ fn without_a_table_the_bias_is_how_far_all_lies_behind_what_contains_the_object(
     );
     assert_eq!(found.source, BiasSource::Hull);
     assert!((found.metres - 5e-3).abs() < 1e-5, "{found:?}");
+}
+
+#[test]
+fn where_the_hull_is_steep_a_region_grows_over_readings_within_the_hull_alone() {
+    const SIDE: usize = 40;
+    let is_hollow = |x: usize, y: usize| (10..30).contains(&x) && (10..30).contains(&y);
+    // Two strips along the hollow's borders. In the right one nothing was read, and in the upper half of the left one
+    // what lies behind the hull, such as the table.
+    let (left, right) = (10..13, 27..30);
+    let is_behind = |x: usize, y: usize| left.contains(&x) && y < 20;
+    let (mut depth, seen) = testing::evidence(0.7, Grid::filled(SIDE, SIDE, 0));
+    let mut front = seen.front;
+    let behind = front.exit[(0, 0)] + 0.01;
+    depth.depth = Grid::from_fn(SIDE, SIDE, |x, y| match is_hollow(x, y) {
+        true if is_behind(x, y) => behind,
+        true => 0.72,
+        false => 0.7,
+    });
+    depth.kind = Grid::from_fn(SIDE, SIDE, |x, y| {
+        match is_hollow(x, y) && right.contains(&x) {
+            true => DepthKind::Filled,
+            false => DepthKind::Measured,
+        }
+    });
+    front.is_front = Grid::from_fn(SIDE, SIDE, |x, _| !left.contains(&x) && !right.contains(&x));
+    let object = Mask::filled(SIDE, SIDE, 255);
+    let found = find(front, &depth, seen.bias, &object, &Parameters::default());
+    assert_eq!(found.count, 1);
+    for (x, y) in (0..SIDE).flat_map(|y| (0..SIDE).map(move |x| (x, y))) {
+        let belongs = is_hollow(x, y) && !right.contains(&x) && !is_behind(x, y);
+        assert_eq!(found.contains(x, y), belongs, "{x} {y}");
+    }
 }

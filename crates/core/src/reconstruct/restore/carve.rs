@@ -33,12 +33,16 @@ pub(super) fn carving_depth(source: &Source, cell_size: f64, parameters: &Parame
 }
 
 /// Whether a pixel beside a hollow is where a wall begins that is too steep to be read. Its filled depth lies so little
-/// behind the hull that it does not belong to the region; without it, the wall would begin a pixel farther in.
+/// behind the hull that it does not belong to the region; without it, the wall would begin a pixel farther in. What is
+/// filled in deeper than the hollow is no wall of it.
 fn is_top_of_wall(source: &Source, x: usize, y: usize, carved: f32) -> bool {
     let Source { depth, regions, .. } = source;
     let beside = [(-1, 0), (1, 0), (0, -1), (0, 1)]
         .iter()
-        .any(|(dx, dy)| regions.is_hollow(x as isize + dx, y as isize + dy));
+        .map(|(dx, dy)| (x as isize + dx, y as isize + dy))
+        .filter(|&(x, y)| regions.is_hollow(x, y))
+        .filter_map(|(x, y)| depth.depth.get(x, y))
+        .any(|&hollow| depth.depth[(x, y)] <= hollow);
     beside
         && depth.kind[(x, y)] == DepthKind::Filled
         && regions.front.depth[(x, y)].is_finite()
@@ -211,6 +215,11 @@ mod tests {
     /// right half was not read but filled in with what the left half has: `read` metres, of which `remaining` may be
     /// bias. The hull is from 0.7 m to 0.9 m.
     fn carved_row(read: f32, remaining: f64, last_hollow: usize) -> Vec<f32> {
+        filled_row(read, read, remaining, last_hollow)
+    }
+
+    /// The same, where `filled` metres were filled in.
+    fn filled_row(read: f32, filled: f32, remaining: f64, last_hollow: usize) -> Vec<f32> {
         let camera = camera(0.8);
         let (mut depth, mut regions) = evidence(read);
         regions.bias.remaining = remaining;
@@ -219,6 +228,7 @@ mod tests {
             true => DepthKind::Measured,
             false => DepthKind::Filled,
         });
+        depth.depth = Grid::from_fn(SIDE, SIDE, |x, _| if is_left(x) { read } else { filled });
         regions.labels = Grid::from_fn(SIDE, SIDE, |x, _| u16::from(is_left(x)));
         regions.last_hollow = last_hollow;
         let source = Source {
@@ -240,6 +250,13 @@ mod tests {
         let free_space = carved_row(0.8, 0.0, 0);
         assert_eq!((free_space[first], free_space[beside]), (0.8, 0.7));
         assert_eq!(free_space[beside + 1], 0.0);
+    }
+
+    #[test]
+    fn what_is_filled_in_deeper_than_a_hollow_is_no_wall_of_it() {
+        let beside = SIDE / 2;
+        assert_eq!(filled_row(0.8, 0.78, 0.0, 1)[beside], 0.78);
+        assert_eq!(filled_row(0.8, 0.81, 0.0, 1)[beside], 0.7);
     }
 
     #[test]
