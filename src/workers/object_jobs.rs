@@ -11,6 +11,7 @@ use parking_lot::{Condvar, Mutex, MutexGuard};
 use sha2::{Digest, Sha256};
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicUsize, Ordering};
 use std::time::Duration;
 
 /// An object whose captures are to be fused.
@@ -36,6 +37,8 @@ pub struct ObjectJobs {
     folder: PathBuf,
     recordings: PathBuf,
     state: Mutex<State>,
+    /// How many entries the state has: who asks for that does not wait until one is written to the disk.
+    count: AtomicUsize,
     changed: Condvar,
 }
 
@@ -153,6 +156,7 @@ impl ObjectJobs {
         Self {
             folder,
             recordings: recordings.into(),
+            count: AtomicUsize::new(state.entries.len()),
             state: Mutex::new(state),
             changed: Condvar::new(),
         }
@@ -246,6 +250,7 @@ impl ObjectJobs {
             is_running: false,
         };
         state.entries.insert(name, entry);
+        self.count.store(state.entries.len(), Ordering::Release);
         self.changed.notify_all();
     }
 
@@ -257,7 +262,7 @@ impl ObjectJobs {
 
     /// How many wait or are carried out.
     pub fn len(&self) -> usize {
-        self.state.lock().entries.len()
+        self.count.load(Ordering::Acquire)
     }
 
     /// Whether no job waits.
@@ -332,6 +337,7 @@ impl ObjectJobs {
             if let Err(error) = std::fs::remove_file(&path) {
                 log::warning!("{}: {error}", path.display());
             }
+            self.count.store(state.entries.len(), Ordering::Release);
         }
     }
 

@@ -8,6 +8,7 @@ use parking_lot::{Condvar, Mutex, MutexGuard};
 use serde_json::Value;
 use std::collections::{BTreeMap, VecDeque};
 use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicUsize, Ordering};
 use std::time::Duration;
 
 /// Remakes that may wait.
@@ -142,6 +143,8 @@ fn chosen(key: &str, value: &Value) -> Result<String, String> {
 pub struct Remakes {
     file: PathBuf,
     state: Mutex<State>,
+    /// How many wait or are being made: who asks for that does not wait until one is written to the disk.
+    count: AtomicUsize,
     changed: Condvar,
 }
 
@@ -169,6 +172,7 @@ impl Remakes {
         };
         Self {
             file: file.into(),
+            count: AtomicUsize::new(state.count()),
             state: Mutex::new(state),
             changed: Condvar::new(),
         }
@@ -197,13 +201,14 @@ impl Remakes {
             state.waiting.pop_back();
             return Err(format!("the remake cannot be kept: {error}"));
         }
+        self.count.store(state.count(), Ordering::Release);
         self.changed.notify_all();
         Ok(before)
     }
 
     /// How many wait or are being made.
     pub fn len(&self) -> usize {
-        self.state.lock().count()
+        self.count.load(Ordering::Acquire)
     }
 
     /// Whether none waits and none is being made.
@@ -234,6 +239,7 @@ impl Remakes {
         let mut state = self.state.lock();
         state.running = None;
         self.save_or_warn(&state);
+        self.count.store(state.count(), Ordering::Release);
     }
 
     /// Lets no further one begin.
