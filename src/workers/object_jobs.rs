@@ -37,7 +37,7 @@ pub struct ObjectJobs {
     folder: PathBuf,
     recordings: PathBuf,
     state: Mutex<State>,
-    /// How many entries the state has: who asks for that does not wait until one is written to the disk.
+    /// How many entries the state has. It can be read while the state is locked to write one of them to the disk.
     count: AtomicUsize,
     changed: Condvar,
 }

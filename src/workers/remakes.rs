@@ -143,7 +143,7 @@ fn chosen(key: &str, value: &Value) -> Result<String, String> {
 pub struct Remakes {
     file: PathBuf,
     state: Mutex<State>,
-    /// How many wait or are being made: who asks for that does not wait until one is written to the disk.
+    /// How many wait or are being made. It can be read while the state is locked to write them to the disk.
     count: AtomicUsize,
     changed: Condvar,
 }
@@ -367,6 +367,25 @@ mod tests {
         remakes.stop();
         assert!(remakes.take(|| true).is_none());
         assert!(remakes.enqueue(remake(7)).is_err());
+    }
+
+    #[test]
+    fn how_many_there_are_is_told_while_the_list_is_being_written() {
+        let folder = tempfile::tempdir().unwrap();
+        let remakes = Remakes::open(&folder.path().join("remakes.json"));
+        let chosen = settings(json!({ "hull.resolution": 120 }));
+        remakes
+            .enqueue(Remake::new("a-0001", &chosen).unwrap())
+            .unwrap();
+        let (told, answer) = std::sync::mpsc::channel();
+        let written = remakes.state.lock();
+        let found = std::thread::scope(|scope| {
+            scope.spawn(|| told.send(remakes.len()));
+            let found = answer.recv_timeout(Duration::from_secs(10));
+            drop(written);
+            found
+        });
+        assert_eq!(found, Ok(1));
     }
 
     #[test]
