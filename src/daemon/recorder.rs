@@ -75,6 +75,7 @@ impl Recorder {
         let waiting = Arc::new(AtomicUsize::new(0));
         let mut writing = Writing {
             session: None,
+            unclosed: Vec::new(),
             waiting: waiting.clone(),
             heartbeat,
         };
@@ -122,6 +123,8 @@ impl Recorder {
 
 struct Writing {
     session: Option<RecordingSession>,
+    /// Earlier sessions that could not be completed; each close tries again.
+    unclosed: Vec<RecordingSession>,
     waiting: Arc<AtomicUsize>,
     heartbeat: Heartbeat,
 }
@@ -135,18 +138,14 @@ impl Writing {
                 Err(RecvTimeoutError::Disconnected) => break,
             }
         }
-        if let Err(error) = self.close() {
-            log::error!("{error}");
-        }
+        let _logged = self.close();
     }
 
     fn carry_out(&mut self, work: RecorderTask) {
         match work {
             RecorderTask::Begin(session, answer) => {
                 // The outcome of the previous session is not an answer to the client that begins this one.
-                if let Err(error) = self.close() {
-                    log::error!("{error}");
-                }
+                let _logged = self.close();
                 self.session = Some(*session);
                 answer(Ok("done".into()));
             }
@@ -174,6 +173,9 @@ impl Writing {
             }
             RecorderTask::Note(note, time, NotePlace::Session, answer) => {
                 let noted = self.with(|session| session.note(&note, time));
+                if let Err(error) = &noted {
+                    log::error!("{error}");
+                }
                 answer(noted.map(|()| "done".into()));
             }
             RecorderTask::Note(note, time, NotePlace::Beside(folder), answer) => {
@@ -192,8 +194,24 @@ impl Writing {
         write(session).map_err(|error| error.to_string())
     }
 
+    /// Completes the session and those before it that could not be completed. What fails is logged.
     fn close(&mut self) -> Result<(), String> {
-        let closed = self.session.take().map_or(Ok(()), RecordingSession::close);
-        closed.map_err(|error| error.to_string())
+        self.unclosed.extend(self.session.take());
+        let mut closed = Ok(());
+        self.unclosed.retain_mut(|session| {
+            let Err(error) = session.close() else {
+                return false;
+            };
+            let words = format!(
+                "session {} is not completed: {error}; scand session close tries again",
+                session.name()
+            );
+            log::error!("{words}");
+            if closed.is_ok() {
+                closed = Err(words);
+            }
+            true
+        });
+        closed
     }
 }

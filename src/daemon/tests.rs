@@ -8,7 +8,7 @@ use super::scripted::{
 use super::*;
 use crate::clock::Clock;
 use crate::frame::{CameraId, Timestamp};
-use crate::recording::{CaptureOutcome, ColorPart, Recording, Topic, interrupted};
+use crate::recording::{CaptureOutcome, ColorPart, Recording, Topic, interrupted, unfinished_name};
 use crate::trigger::{Event, Reply, Until};
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
@@ -651,4 +651,24 @@ fn nothing_is_packed_unless_it_is_asked_for() {
         .unwrap()
         .is_none()
     );
+}
+
+#[test]
+fn a_session_that_cannot_be_completed_is_never_called_done() {
+    let stand = start(|_| ());
+    let replies = stand.press();
+    let Some(Reply::Durable { recording, .. }) = replies.last() else {
+        panic!("{replies:?}");
+    };
+    let part = unfinished_name(recording);
+    std::fs::write(recording, "in the way").unwrap();
+    for _ in 0..2 {
+        let error = stand.ask(Order::Close).unwrap_err();
+        assert!(error.contains("is not completed"), "{error}");
+        assert!(part.exists());
+    }
+    std::fs::remove_file(recording).unwrap();
+    stand.ask(Order::Close).unwrap();
+    assert!(recording.exists() && !part.exists());
+    stand.stop();
 }

@@ -145,7 +145,7 @@ impl Container {
     }
 
     /// Lets go of the file without writing anything more: dropped as it is, the library's writer would end it.
-    fn give_up(&mut self) {
+    pub(super) fn give_up(&mut self) {
         if let Some(inner) = self.inner.take() {
             let _unwritten = inner.into_inner().into_parts();
         }

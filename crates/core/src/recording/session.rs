@@ -2,7 +2,7 @@
 //! Callers hand in finished captures; this file makes them durable. The order is that of [`Writer`]: `.part`, chunks,
 //! flush, fdatasync, and only then is a capture reported as durable.
 
-use super::{CaptureRecord, Compression, Error, Note, Writer};
+use super::{CaptureRecord, Compression, Error, Note, Writer, recover, unfinished_name};
 use crate::calibration::{CalibrationRecord, Camera, DepthCamera, Volume};
 use crate::frame::{CameraId, CameraSettings, Frame, Picture, Timestamp, Trigger};
 use std::collections::BTreeMap;
@@ -61,6 +61,8 @@ pub struct RecordingSession {
     header: SessionHeader,
     files: usize,
     open: Option<Open>,
+    /// Files that could not be completed: only their `.part` exists.
+    left: Vec<PathBuf>,
     unfinished: Option<Error>,
 }
 
@@ -94,6 +96,7 @@ impl RecordingSession {
             header,
             files: 0,
             open: None,
+            left: Vec::new(),
             unfinished: None,
         };
         let path = session.path(0);
@@ -116,12 +119,12 @@ impl RecordingSession {
     /// ([`Self::take_unfinished`]); the capture goes into the next one.
     ///
     /// # Errors
-    /// If it cannot be written. What was kept before stays: the file that broke is left as `.part`, which a recovery
-    /// completes, and the next capture begins another one.
+    /// If it cannot be written. What was kept before stays: the file that broke is left as `.part`, which
+    /// [`Self::close`] or a recovery completes, and the next capture begins another one.
     pub fn append(&mut self, capture: &FinishedCapture) -> Result<PathBuf, Error> {
         let kept = self.try_append(capture);
         if kept.is_err() {
-            self.open = None;
+            self.leave_file();
         }
         kept
     }
@@ -157,7 +160,7 @@ impl RecordingSession {
         };
         let done = noted();
         if done.is_err() {
-            self.open = None;
+            self.leave_file();
         }
         done
     }
@@ -183,7 +186,7 @@ impl RecordingSession {
         };
         let written = changed(&mut open.writer, &before, &self.header, time);
         if written.is_err() {
-            self.open = None;
+            self.leave_file();
         }
         written
     }
@@ -198,16 +201,40 @@ impl RecordingSession {
         self.largest_file = largest_file;
     }
 
-    /// Completes the last file.
+    /// Completes the last file, and those that could not be completed before.
     ///
     /// # Errors
-    /// If it cannot be: it is left as `.part`.
-    pub fn close(mut self) -> Result<(), Error> {
-        self.finish_file()
+    /// If one cannot be: it is left as `.part`. Closing again, when there is space, tries once more.
+    pub fn close(&mut self) -> Result<(), Error> {
+        // Not tried twice: what just failed would have to be read from front to back.
+        self.finish_file()?;
+        let mut closed = Ok(());
+        self.left.retain(|part| {
+            let completed = complete(part);
+            let is_left = completed.is_err();
+            if closed.is_ok() {
+                closed = completed;
+            }
+            is_left
+        });
+        closed
     }
 
     fn finish_file(&mut self) -> Result<(), Error> {
-        self.open.take().map_or(Ok(()), |open| open.writer.finish())
+        let Some(Open { path, writer, .. }) = self.open.take() else {
+            return Ok(());
+        };
+        let finished = writer.finish();
+        if finished.is_err() {
+            self.left.push(unfinished_name(&path));
+        }
+        finished
+    }
+
+    /// Lets go of a file that cannot be written any more.
+    fn leave_file(&mut self) {
+        let left = self.open.take().map(|open| unfinished_name(&open.path));
+        self.left.extend(left);
     }
 
     fn path(&self, file: usize) -> PathBuf {
@@ -236,17 +263,47 @@ impl RecordingSession {
             Some(open) => open,
             None => {
                 let path = self.next_path()?;
-                let mut writer = Writer::create(&path, &self.program, Compression::None)?;
-                begin_file(&mut writer, &self.header, &self.name, self.begin)?;
-                backgrounds(&mut writer, &SessionHeader::default(), &self.header, time)?;
                 Open {
+                    writer: self.begin_file(&path, time)?,
                     path,
-                    writer,
                     bytes: 0,
                 }
             }
         };
         Ok(self.open.insert(open))
+    }
+
+    /// A file with what every file begins with. One that cannot be begun has no capture, and goes.
+    fn begin_file(&self, path: &Path, time: Timestamp) -> Result<Writer, Error> {
+        let mut writer = Writer::create(path, &self.program, Compression::None)?;
+        let begun = begin_file(&mut writer, &self.header, &self.name, self.begin)
+            .and_then(|()| backgrounds(&mut writer, &SessionHeader::default(), &self.header, time));
+        match begun {
+            Ok(()) => Ok(writer),
+            Err(error) => {
+                let _ = std::fs::remove_file(unfinished_name(path));
+                Err(error)
+            }
+        }
+    }
+
+    /// Makes the next write into the open file fail, as a full disk does.
+    #[cfg(test)]
+    pub(super) fn break_file(&mut self) {
+        let open = self.open.as_mut().expect("a file is open");
+        open.writer.break_container();
+    }
+}
+
+/// Completes a file that was left; one that is gone was completed by somebody else.
+fn complete(part: &Path) -> Result<(), Error> {
+    let is_there = part.try_exists().map_err(|cause| Error::Io {
+        path: part.into(),
+        cause,
+    })?;
+    match is_there {
+        true => recover(part).map(drop),
+        false => Ok(()),
     }
 }
 

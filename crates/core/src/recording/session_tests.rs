@@ -271,3 +271,48 @@ fn what_is_being_written_is_whole_up_to_where_it_is() {
     session.close().unwrap();
     assert_eq!(Recording::open(&path).unwrap().damage(), []);
 }
+
+#[test]
+fn a_session_whose_file_broke_is_completed_by_a_later_close() {
+    let folder = tempfile::tempdir().unwrap();
+    let rig = Rig::new();
+    let mut session = begin(folder.path(), &rig, 1 << 30);
+    let path = session.append(&kept(&rig, "a", 10_000)).unwrap();
+    session.break_file();
+    let note = Note {
+        capture: "a".into(),
+        kind: "accept".into(),
+        text: String::new(),
+        author: None,
+    };
+    session.note(&note, at(11_000)).unwrap_err();
+    assert!(unfinished_name(&path).exists() && !path.exists());
+    // Something keeps the file from its name.
+    std::fs::write(&path, "in the way").unwrap();
+    for _ in 0..2 {
+        let error = session.close().unwrap_err().to_string();
+        assert!(error.contains("s.mcap"), "{error}");
+        assert!(unfinished_name(&path).exists());
+    }
+    std::fs::remove_file(&path).unwrap();
+    session.close().unwrap();
+    assert!(!unfinished_name(&path).exists());
+    let recording = Recording::open(&path).unwrap();
+    assert_eq!(recording.damage(), []);
+    assert_eq!(count(&recording, &Topic::Capture), 1);
+}
+
+#[test]
+fn a_file_that_lacks_only_its_name_gets_it_from_a_later_close() {
+    let folder = tempfile::tempdir().unwrap();
+    let rig = Rig::new();
+    let mut session = begin(folder.path(), &rig, 1 << 30);
+    let path = session.append(&kept(&rig, "a", 10_000)).unwrap();
+    std::fs::write(&path, "in the way").unwrap();
+    session.close().unwrap_err();
+    session.close().unwrap_err();
+    std::fs::remove_file(&path).unwrap();
+    session.close().unwrap();
+    assert_eq!(Recording::open(&path).unwrap().damage(), []);
+    assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 1);
+}

@@ -61,16 +61,31 @@ impl Writer {
         }
         let part = with_ending(path, "part");
         let file = File::create_new(&part).map_err(io(&part))?;
+        let begun = Self::begin(file, path, &part, program, compression);
+        if begun.is_err() {
+            // It holds nothing. The error that matters is the first one.
+            let _ = std::fs::remove_file(&part);
+        }
+        begun
+    }
+
+    fn begin(
+        file: File,
+        path: &Path,
+        part: &Path,
+        program: &str,
+        compression: Compression,
+    ) -> Result<Self, Error> {
         // The lock tells recovery that the file is still being written. Some file systems have no locks.
         let _ = file.try_lock();
-        sync_parent(&part).map_err(io(&part))?;
-        let same = file.try_clone().map_err(io(&part))?;
+        sync_parent(part).map_err(io(part))?;
+        let same = file.try_clone().map_err(io(part))?;
         let container = Container::begin(same, "scand", program, compression);
         let mut writer = Self {
             path: path.into(),
             file,
-            container: container.map_err(io(&part))?,
-            part,
+            container: container.map_err(io(part))?,
+            part: part.into(),
             channels: BTreeMap::new(),
             chunk: Chunk::default(),
         };
@@ -290,6 +305,12 @@ impl Writer {
         self.finish_chunk()?;
         let synced = self.file.sync_data();
         synced.map_err(io(&self.part))
+    }
+
+    /// Makes every later write fail.
+    #[cfg(test)]
+    pub(super) fn break_container(&mut self) {
+        self.container.give_up();
     }
 
     /// Completes the recording and gives it its name.

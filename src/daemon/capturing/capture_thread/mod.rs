@@ -13,7 +13,7 @@ use crate::daemon::dispatcher::Dispatcher;
 use crate::daemon::events::Event;
 use crate::daemon::look::{LookMaker, LookScheduler};
 use crate::daemon::notes::NoteEffects;
-use crate::daemon::recorder::{Recorder, RecorderTask};
+use crate::daemon::recorder::{Answer, Recorder, RecorderTask};
 use crate::daemon::rig::{Rig, ShotResult, State};
 use crate::daemon::status::{self, Status};
 use crate::daemon::systemd::Heartbeat;
@@ -147,7 +147,13 @@ impl CaptureThread {
             Order::Note(note, answer) => self.write_down(note, answer),
             Order::Close(answer) => {
                 self.session = None;
-                self.plan.events.publish(Event::Session { name: None });
+                let events = self.plan.events.clone();
+                let answer: Answer = Box::new(move |closed| {
+                    if closed.is_ok() {
+                        events.publish(Event::Session { name: None });
+                    }
+                    answer(closed);
+                });
                 self.hand_over(RecorderTask::Close(answer));
             }
             Order::Reload(settings, answer) => {
