@@ -2,15 +2,13 @@
 
 #![warn(clippy::unwrap_used)]
 
-use scand::commands::{exit_code, parse, run};
+use scand::commands::{check_output, exit_code, parse, run};
 use std::process::ExitCode;
 
 fn main() -> ExitCode {
-    match run(parse()) {
-        Ok(code) => code,
-        Err(error) => {
-            eprintln!("scand: {error:#}");
-            exit_code(&error)
-        }
-    }
+    let code = run(parse()).unwrap_or_else(|error| {
+        eprintln!("scand: {error:#}");
+        exit_code(&error)
+    });
+    check_output(code)
 }

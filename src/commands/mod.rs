@@ -1,7 +1,7 @@
 //! The command line: each command's arguments and output. Commands call the other rooms, which do the work, and turn
 //! errors into messages and exit codes.
 
-/// `println!` that ignores a closed pipe, as with `head`: it is not an error.
+/// `println!` that ignores a closed pipe, as with `head`: it is not an error. [`check_output`] tells of other errors.
 macro_rules! outln {
     ($($words:tt)*) => {
         $crate::commands::write_out(&format!($($words)*))
@@ -56,6 +56,7 @@ use clap::{Parser, Subcommand};
 pub use parse::parse;
 use std::path::Path;
 use std::process::ExitCode;
+use std::sync::OnceLock;
 
 pub use crate::workers::protocol::EXIT_INCOMPLETE;
 use crate::{storage, trigger};
@@ -72,11 +73,31 @@ pub const EXIT_BUSY: u8 = 75;
 /// Exit code of a run whose configuration is bad (EX_CONFIG of sysexits.h).
 pub const EXIT_CONFIGURATION: u8 = 78;
 
+/// The first error of the standard output that is not a closed pipe. It ends no work that is in progress, such as
+/// models that are being made.
+static OUTPUT_ERROR: OnceLock<std::io::Error> = OnceLock::new();
+
 /// Writes a text and the end of its line, if it has none, to the standard output.
 fn write_out(text: &str) {
     use std::io::Write;
     let end = if text.ends_with('\n') { "" } else { "\n" };
-    let _ = write!(std::io::stdout().lock(), "{text}{end}");
+    let mut output = std::io::stdout().lock();
+    let written = write!(output, "{text}{end}").and_then(|()| output.flush());
+    if let Err(error) = written
+        && error.kind() != std::io::ErrorKind::BrokenPipe
+    {
+        let _first = OUTPUT_ERROR.set(error);
+    }
+}
+
+/// The exit code of a run that would end with `code`: failure, with a message, if results could not be printed.
+pub fn check_output(code: ExitCode) -> ExitCode {
+    let Some(error) = OUTPUT_ERROR.get() else {
+        return code;
+    };
+    let advice = storage::advice(error);
+    eprintln!("scand: cannot write to standard output: {error}{advice}");
+    ExitCode::FAILURE
 }
 
 /// Refuses to overwrite the existing file of an option unless `force` is given.

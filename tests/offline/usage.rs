@@ -1,6 +1,8 @@
 //! Arguments that cannot be satisfied: exit code 2, and a message about what was found and what was expected.
 
 use assert_cmd::Command;
+use std::fs::File;
+use std::process::Stdio;
 
 /// The error of a call that is refused as wrong usage; it writes nothing.
 fn refused(arguments: &str) -> String {
@@ -148,4 +150,35 @@ fn several_captures_are_fused_with_the_calibration_that_is_given() {
     let recorded = digest(&[]);
     let other = digest(&["--calibration", "other.toml", "--force"]);
     assert!(recorded.is_string() && other != recorded);
+}
+
+/// The end of a call, in an empty folder.
+fn ended(arguments: &[&str], output: Stdio) -> (Option<i32>, String) {
+    let folder = tempfile::tempdir().unwrap();
+    let ended = std::process::Command::new(env!("CARGO_BIN_EXE_scand"))
+        .current_dir(folder.path())
+        .args(arguments)
+        .stdout(output)
+        .stderr(Stdio::piped())
+        .output()
+        .unwrap();
+    let words = String::from_utf8(ended.stderr).unwrap();
+    (ended.status.code(), words)
+}
+
+#[test]
+fn results_that_cannot_be_printed_are_a_failure_but_a_closed_pipe_is_none() {
+    let arguments = ["generate", "completions", "bash"];
+    let full = File::options().write(true).open("/dev/full").unwrap();
+    let (code, words) = ended(&arguments, full.into());
+    assert_eq!(code, Some(1), "{words}");
+    let begin = "scand: cannot write to standard output: ";
+    assert!(
+        words.starts_with(begin) && words.contains("No space left"),
+        "{words}"
+    );
+    let (reader, writer) = std::io::pipe().unwrap();
+    drop(reader);
+    let (code, words) = ended(&arguments, writer.into());
+    assert_eq!((code, words.as_str()), (Some(0), ""));
 }
