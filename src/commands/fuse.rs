@@ -1,5 +1,6 @@
 //! `scand fuse`: makes one model of several captures of one object, or says why it cannot.
 
+use super::replay::recording_stem;
 use super::wrong_usage;
 use crate::calibration::RigCalibration;
 use crate::capture::{CaptureSession, CaptureSummary};
@@ -9,7 +10,6 @@ use crate::make_model::{
     Gathered, ModelMaker, ObjectOutcome, ObjectRequest, Settings, Source, Wanted, gather,
     read_poses, subject_of,
 };
-use crate::recording::finished_name;
 use crate::storage;
 use crate::words::count;
 use anyhow::Context;
@@ -122,7 +122,7 @@ pub fn run(args: Args) -> anyhow::Result<ExitCode> {
         })
         .collect();
     let first = sources[0].session.recording().path();
-    let folder = args.out.join(stem(first)?);
+    let folder = args.out.join(recording_stem(first)?);
     storage::check_writable(&folder).context("nothing was made: give another folder with --out")?;
     let maker = ModelMaker {
         settings: &settings,
@@ -215,16 +215,6 @@ fn poses(path: &Path, found: &Gathered) -> anyhow::Result<Vec<nalgebra::Isometry
         count(found.all, "capture")
     );
     Ok(poses)
-}
-
-/// The name of a recording without its ending.
-fn stem(path: &Path) -> anyhow::Result<String> {
-    let complete = finished_name(path).unwrap_or_else(|| path.to_owned());
-    let stem = complete
-        .file_stem()
-        .and_then(|s| s.to_str())
-        .map(str::to_owned);
-    stem.with_context(|| format!("{}: the recording's name is not UTF-8", path.display()))
 }
 
 /// Prints what became of the object; its exit code.

@@ -1,5 +1,6 @@
 //! Arguments that cannot be satisfied: exit code 2, and a message about what was found and what was expected.
 
+use crate::desk::{Desk, files, said};
 use assert_cmd::Command;
 use std::fs::File;
 use std::process::Stdio;
@@ -181,4 +182,30 @@ fn results_that_cannot_be_printed_are_a_failure_but_a_closed_pipe_is_none() {
     drop(reader);
     let (code, words) = ended(&arguments, writer.into());
     assert_eq!((code, words.as_str()), (Some(0), ""));
+}
+
+#[test]
+fn a_recording_whose_name_leads_out_of_the_folder_makes_no_model() {
+    let desk = Desk::new();
+    std::fs::rename(desk.path("ball.mcap"), desk.path("...mcap")).unwrap();
+    for arguments in [
+        &["replay", "...mcap"][..],
+        &[
+            "fuse",
+            "...mcap",
+            "--capture",
+            "ball-000",
+            "--capture",
+            "ball-001",
+        ],
+    ] {
+        let ended = desk.run(arguments);
+        let told = said(&ended);
+        assert_eq!(ended.status.code(), Some(1), "{told}");
+        assert!(
+            told.contains("...mcap") && told.contains("expected a recording's name"),
+            "{told}"
+        );
+        assert_eq!(files(&desk.path("")).len(), 1, "{told}");
+    }
 }

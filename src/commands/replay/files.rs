@@ -1,6 +1,7 @@
 //! Finds the recordings that a replay is given, by name or by folder, and the names of their output folders.
 
 use crate::recording::{finished_name, noted_recording};
+use anyhow::Context;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
@@ -66,22 +67,30 @@ impl RecordingsFound {
     }
 }
 
+/// The stem of a complete recording, which names the folder of its models.
+///
+/// # Errors
+/// If it is no name of a folder.
+pub(in crate::commands) fn stem(file: &Path) -> anyhow::Result<String> {
+    let complete = finished_name(file).unwrap_or_else(|| file.to_owned());
+    let stem = complete.file_stem().and_then(|stem| stem.to_str());
+    let stem =
+        stem.with_context(|| format!("{}: the recording's name is not UTF-8", file.display()))?;
+    // Models would be written beside or above the folder that they are to go into.
+    anyhow::ensure!(
+        !matches!(stem, "." | ".."),
+        "{}: a folder for its models cannot be called {stem:?}: expected a recording's name such as cup.mcap",
+        file.display()
+    );
+    Ok(stem.to_owned())
+}
+
 /// The files' stems, those of complete recordings, which name their output folders: two of one stem would share one.
 pub(super) fn stems(files: &[PathBuf]) -> anyhow::Result<Vec<String>> {
     let mut seen = BTreeMap::new();
     let mut stems = Vec::new();
     for file in files {
-        let complete = finished_name(file).unwrap_or_else(|| file.clone());
-        let stem = complete
-            .file_stem()
-            .and_then(|s| s.to_str())
-            .unwrap_or_default()
-            .to_owned();
-        anyhow::ensure!(
-            !stem.is_empty(),
-            "{}: the recording's name is not UTF-8",
-            file.display()
-        );
+        let stem = stem(file)?;
         if let Some(other) = seen.insert(stem.clone(), file) {
             anyhow::bail!(
                 "{} and {} have the same name and would share an output folder: rename one of them, or give each its own --out",
@@ -92,4 +101,22 @@ pub(super) fn stems(files: &[PathBuf]) -> anyhow::Result<Vec<String>> {
         stems.push(stem);
     }
     Ok(stems)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_name_that_leads_out_of_the_folder_is_refused() {
+        for name in ["...mcap", "..mcap", "a/...mcap"] {
+            let error = stems(&[name.into()]).unwrap_err().to_string();
+            assert!(
+                error.starts_with(name) && error.contains("expected"),
+                "{error}"
+            );
+        }
+        let good = ["a/cup.mcap", "..cup.mcap", "b.mcap.part"].map(PathBuf::from);
+        assert_eq!(stems(&good).unwrap(), ["cup", "..cup", "b"]);
+    }
 }

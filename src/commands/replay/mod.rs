@@ -23,6 +23,7 @@ use crate::recording;
 use crate::{queue, storage, sync};
 use anyhow::Context;
 use console::Console;
+pub(super) use files::stem as recording_stem;
 use outcome::{ReplayOutcome, ReplayResult, exit_code};
 use serde::Deserialize;
 use serde::de::IntoDeserializer;

@@ -133,10 +133,12 @@ fn is_kept(mut file: &File, from: u64, tail: &Path) -> std::io::Result<bool> {
     }
 }
 
-/// The name that a recording gets when it is complete, of one that is not: `NAME.mcap` of `NAME.mcap.part`.
+/// The name that a recording gets when it is complete, of one that is not: `NAME.mcap` of `NAME.mcap.part`. NAME also
+/// names a folder, so it is neither `.` nor `..`.
 pub fn finished_name(part: &Path) -> Option<PathBuf> {
     let name = part.file_name()?.to_str()?.strip_suffix(PART)?;
-    name.ends_with(".mcap").then(|| part.with_file_name(name))
+    let stem = name.strip_suffix(".mcap")?;
+    (!matches!(stem, "." | "..")).then(|| part.with_file_name(name))
 }
 
 /// The name that a recording has until it is complete: `NAME.mcap.part` of `NAME.mcap`.
