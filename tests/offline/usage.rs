@@ -209,3 +209,21 @@ fn a_recording_whose_name_leads_out_of_the_folder_makes_no_model() {
         assert_eq!(files(&desk.path("")).len(), 1, "{told}");
     }
 }
+
+#[test]
+fn a_folder_without_the_model_of_a_capture_is_named_with_what_was_expected_in_it() {
+    let desk = Desk::new();
+    std::fs::create_dir(desk.path("models")).unwrap();
+    let ended = desk.run(&[
+        "export",
+        "ball.mcap",
+        "--dataset",
+        "colmap",
+        "--model",
+        "models",
+    ]);
+    let told = said(&ended);
+    assert_eq!(ended.status.code(), Some(1), "{told}");
+    let words = "models: the folder has no model of capture ball-000: expected ball/ball-000/model.glb in it";
+    assert!(told.contains(words), "{told}");
+}

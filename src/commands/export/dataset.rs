@@ -193,7 +193,7 @@ impl Capture<'_> {
 
     /// The model whose points the dataset has, which must be of this capture.
     fn model(&self, path: &Path, scene: &Scene) -> anyhow::Result<Model> {
-        let read = export::read(&model_file(path, self.path, self.id.as_str()))?;
+        let read = export::read(&model_file(path, self.path, self.id.as_str())?)?;
         anyhow::ensure!(
             read.about.input_sha256 == input_digest(scene),
             "{}: the model was made from other pictures or another calibration than this recording has",
@@ -222,7 +222,10 @@ impl Capture<'_> {
 }
 
 /// The model of a capture: a file, the capture's folder, or the folder that a replay wrote to.
-fn model_file(path: &Path, recording: &Path, capture: &str) -> PathBuf {
+fn model_file(path: &Path, recording: &Path, capture: &str) -> anyhow::Result<PathBuf> {
+    if !path.is_dir() {
+        return Ok(path.to_owned());
+    }
     let stem = recording.file_stem().unwrap_or_default();
     let folders = [
         path.join(stem).join(capture),
@@ -230,10 +233,14 @@ fn model_file(path: &Path, recording: &Path, capture: &str) -> PathBuf {
         path.to_owned(),
     ];
     let inside = folders.iter().map(|folder| folder.join("model.glb"));
-    inside
-        .into_iter()
-        .find(|file| file.is_file())
-        .unwrap_or_else(|| path.to_owned())
+    let file = inside.into_iter().find(|file| file.is_file());
+    file.with_context(|| {
+        format!(
+            "{}: the folder has no model of capture {capture}: expected {}/{capture}/model.glb in it",
+            path.display(),
+            Path::new(stem).display()
+        )
+    })
 }
 
 /// A folder is replaced only if that was asked for, and if it is a dataset that scand wrote: nothing else is removed.

@@ -10,7 +10,7 @@ pub(super) use model::find as find_models;
 use super::wrong_usage;
 use crate::dataset::Kind;
 use crate::export::{Compression, Format};
-use crate::storage::{self, check_writable, write_atomically, write_new};
+use crate::storage::check_writable;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
@@ -99,17 +99,6 @@ pub fn run(args: Args) -> anyhow::Result<ExitCode> {
             Ok(ExitCode::SUCCESS)
         }
         (None, None) => Err(wrong_usage("give --format or --dataset")),
-    }
-}
-
-/// Writes a file, durably, and replaces one only if that was asked for.
-fn write(path: &Path, bytes: &[u8], force: bool) -> anyhow::Result<()> {
-    match force {
-        true => Ok(write_atomically(path, bytes)?),
-        false => write_new(path, bytes).map_err(|error| match error {
-            storage::Error::Exists { path } => exists(&path),
-            other => other.into(),
-        }),
     }
 }
 

@@ -1,16 +1,17 @@
 //! Exports models: finds the files that are named, and writes those of each in the format that was asked for.
 
-use super::{Args, exists, write};
+use super::{Args, exists};
 use crate::commands::{EXIT_INCOMPLETE, model_notes};
 use crate::export::{self, Format, ReadModel, compress, level_of_detail};
 use crate::frame::CaptureId;
 use crate::level::Level;
 use crate::make_model::object_folder_name;
-use crate::storage::check_writable;
+use crate::storage::{self, StagedFolder, check_writable};
 use crate::words::count;
 use anyhow::Context;
 use serde_json::Value;
 use std::collections::{BTreeMap, BTreeSet};
+use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
@@ -214,9 +215,7 @@ fn one(
             file.bytes = compress(&file.bytes, compression).map_err(anyhow::Error::msg)?;
         }
     }
-    for file in &files {
-        write(&folder.join(&file.name), &file.bytes, args.force)?;
-    }
+    write_all(folder, &main, &files, args.force)?;
     outln!(
         "{}: {}, {}",
         main.display(),
@@ -224,6 +223,45 @@ fn one(
         count(model.mesh.triangles.len(), "triangle")
     );
     Ok(())
+}
+
+/// Writes a model's files, all of them or none: after a full disk, nothing is in the way of the next run.
+fn write_all(
+    folder: &Path,
+    main: &Path,
+    files: &[export::File],
+    force: bool,
+) -> anyhow::Result<()> {
+    // All that needs space is done before the first file gets its name.
+    let staged = StagedFolder::create(main)?;
+    for file in files {
+        staged.write(&file.name, &file.bytes)?;
+    }
+    let mut placed = Vec::new();
+    for file in files {
+        let (from, to) = (staged.path().join(&file.name), folder.join(&file.name));
+        if let Err(cause) = place(&from, &to, force) {
+            // What was replaced has no old file to put back.
+            if !force {
+                placed
+                    .iter()
+                    .for_each(|path| drop(std::fs::remove_file(path)));
+            }
+            return Err(match cause.kind() {
+                ErrorKind::AlreadyExists => exists(&to),
+                _ => anyhow::anyhow!("cannot write {}", storage::with_advice(&to, &cause)),
+            });
+        }
+        placed.push(to);
+    }
+    storage::sync_folder(folder).with_context(|| format!("cannot write {}", folder.display()))
+}
+
+fn place(from: &Path, to: &Path, force: bool) -> std::io::Result<()> {
+    match force {
+        true => std::fs::rename(from, to),
+        false => storage::rename_noreplace(from, to),
+    }
 }
 
 /// What a person who hands the model on should know of it, from the report beside it and the notes, which may be newer;
@@ -248,6 +286,42 @@ fn remark(path: &Path, capture: &str, recordings: &Path) -> (Option<&'static str
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn of_a_set_of_files_all_are_written_or_none() {
+        let folder = tempfile::tempdir().unwrap();
+        let main = folder.path().join("cup.obj");
+        let files = ["cup.mtl", "cup.png", "cup.obj"].map(|name| export::File {
+            name: name.into(),
+            bytes: b"new".into(),
+        });
+        let names = || {
+            let entries = std::fs::read_dir(folder.path()).unwrap();
+            let names = entries.map(|entry| entry.unwrap().file_name().into_string().unwrap());
+            names.collect::<BTreeSet<_>>()
+        };
+        let write = |force| write_all(folder.path(), &main, &files, force);
+        std::fs::write(folder.path().join("cup.png"), "old").unwrap();
+        let error = write(false).unwrap_err().to_string();
+        assert!(error.contains("cup.png already exists"), "{error}");
+        assert_eq!(names(), BTreeSet::from(["cup.png".to_owned()]));
+        // A file that cannot be written is found before any has its name.
+        let longest = [
+            files[0].clone(),
+            export::File {
+                name: "c".repeat(300),
+                bytes: Vec::new(),
+            },
+        ];
+        write_all(folder.path(), &main, &longest, true).unwrap_err();
+        assert_eq!(names(), BTreeSet::from(["cup.png".to_owned()]));
+        write(true).unwrap();
+        assert_eq!(names().len(), 3);
+        assert_eq!(
+            std::fs::read(folder.path().join("cup.png")).unwrap(),
+            b"new"
+        );
+    }
 
     #[test]
     fn a_folder_gives_its_first_models_and_a_name_any() {
