@@ -69,6 +69,8 @@ pub struct Args {
     quiet: bool,
 }
 
+/// Bytes of the longest file of poses.
+const LONGEST_POSES: u64 = 1 << 20;
 /// Exit code of a fusion that leaves captures out.
 const EXIT_LEFT_OUT: u8 = super::EXIT_INCOMPLETE;
 
@@ -195,7 +197,7 @@ fn listed(
 /// Reads poses, one for each capture of the object, or for each that counts; those of the captures that count.
 fn poses(path: &Path, found: &Gathered) -> anyhow::Result<Vec<nalgebra::Isometry3<f64>>> {
     let name = || path.display().to_string();
-    let text = std::fs::read_to_string(path).with_context(name)?;
+    let text = storage::read_text(path, LONGEST_POSES).with_context(name)?;
     let poses = read_poses(&text)
         .map_err(anyhow::Error::msg)
         .with_context(name)?;

@@ -185,6 +185,27 @@ fn results_that_cannot_be_printed_are_a_failure_but_a_closed_pipe_is_none() {
 }
 
 #[test]
+fn what_has_no_end_is_not_read_for_ever() {
+    let desk = Desk::new();
+    #[rustfmt::skip]
+    let calls = [
+        (&["export", "/dev/zero", "--format", "obj"][..], "it is not a regular file"),
+        (&["archive", "ball.mcap", "--licence", "/dev/zero", "-o", "package"], "expected at most"),
+        (
+            &["fuse", "ball.mcap", "--capture", "ball-000", "--capture", "ball-001", "--poses", "/dev/zero"],
+            "expected at most",
+        ),
+    ];
+    for (arguments, words) in calls {
+        let ended = desk.run(arguments);
+        let told = said(&ended);
+        assert_eq!(ended.status.code(), Some(1), "{told}");
+        assert!(told.contains("/dev/zero") && told.contains(words), "{told}");
+    }
+    assert!(!desk.path("package").exists());
+}
+
+#[test]
 fn a_recording_whose_name_leads_out_of_the_folder_makes_no_model() {
     let desk = Desk::new();
     std::fs::rename(desk.path("ball.mcap"), desk.path("...mcap")).unwrap();

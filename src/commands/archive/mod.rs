@@ -13,6 +13,7 @@ use crate::frame::Timestamp;
 use crate::make_model::marked;
 use crate::notes::CaptureNotes;
 use crate::recording::{beside, notes_to_copy};
+use crate::storage;
 use crate::words::{count, printable};
 use anyhow::Context;
 use models::{FoundModel, ModelInput, ObjectModel};
@@ -49,6 +50,9 @@ pub struct Args {
     #[arg(long, value_name = "DATE", value_parser = date)]
     date: Option<String>,
 }
+
+/// Bytes of the longest licence: a text, or a scan of a signed one.
+const LONGEST_LICENCE: u64 = 64 << 20;
 
 /// Says how to read the package without this program.
 const READ_ME: &str = include_str!("read_me.txt");
@@ -112,9 +116,11 @@ pub fn run(args: Args) -> anyhow::Result<ExitCode> {
     }
     for (number, licence) in (1..).zip(&args.licence) {
         let name = safe(&licence.file_name().unwrap_or_default().to_string_lossy());
+        let text = storage::read(licence, LONGEST_LICENCE)
+            .with_context(|| format!("--licence {}", licence.display()))?;
         packing
             .bag
-            .put_file(&format!("licences/{number}-{name}"), licence)?;
+            .put(&format!("licences/{number}-{name}"), &text)?;
     }
     for chosen in &chosen {
         packing

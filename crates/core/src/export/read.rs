@@ -8,6 +8,7 @@ use crate::image::{RgbImage, rgb_from_file, size_of_file};
 use crate::mesh::Mesh;
 use crate::output::{glb, jpeg_quality};
 use crate::reconstruct::{Model, Provenance, Texture};
+use crate::storage;
 use gltf::Semantic;
 use gltf::accessor::{DataType, Dimensions};
 use gltf::json::validation::Checked;
@@ -47,13 +48,18 @@ pub fn read(path: &Path) -> Result<ReadModel, Error> {
         path: path.to_owned(),
         what,
     };
-    let size = std::fs::metadata(path).map_err(io)?.len();
+    let found = std::fs::metadata(path).map_err(io)?;
+    // A device has no end, and a pipe may have none.
+    if !found.is_file() {
+        return Err(what("it is not a regular file".into()));
+    }
+    let size = found.len();
     if size > MAX_FILE_BYTES {
         return Err(what(format!(
             "the file has {size} bytes; a model has at most {MAX_FILE_BYTES}"
         )));
     }
-    let bytes = std::fs::read(path).map_err(io)?;
+    let bytes = storage::read(path, MAX_FILE_BYTES).map_err(io)?;
     let (file, model, about) = parse(&bytes).map_err(what)?;
     let glb = written_as(&file);
     Ok(ReadModel {
