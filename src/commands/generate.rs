@@ -1,10 +1,11 @@
 //! `scand generate`: completions for shells and man pages, from the definition of the command line. For packagers.
 
 use super::{Cli, write_out};
-use anyhow::Context;
-use clap::CommandFactory;
+use crate::storage::write_atomically;
+use clap::{Command, CommandFactory};
 use clap_complete::Shell;
-use std::path::PathBuf;
+use clap_mangen::Man;
+use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 /// Write completions for a shell, or man pages
@@ -40,10 +41,22 @@ pub fn run(args: Args) -> anyhow::Result<ExitCode> {
             write_out(&String::from_utf8_lossy(&text));
         }
         Artifact::Man { folder } => {
-            std::fs::create_dir_all(&folder)
-                .and_then(|()| clap_mangen::generate_to(Cli::command(), &folder))
-                .with_context(|| folder.display().to_string())?;
+            let mut command = Cli::command().disable_help_subcommand(true);
+            command.build();
+            write_pages(command, &folder)?;
         }
     }
     Ok(ExitCode::SUCCESS)
+}
+
+/// Writes the page of a command and those of its subcommands.
+fn write_pages(command: Command, folder: &Path) -> anyhow::Result<()> {
+    let shown = command.get_subcommands().filter(|c| !c.is_hide_set());
+    for subcommand in shown.cloned() {
+        write_pages(subcommand, folder)?;
+    }
+    let page = Man::new(command);
+    let mut text = Vec::new();
+    page.render(&mut text)?;
+    Ok(write_atomically(&folder.join(page.get_filename()), &text)?)
 }

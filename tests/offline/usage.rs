@@ -248,3 +248,22 @@ fn a_folder_without_the_model_of_a_capture_is_named_with_what_was_expected_in_it
     let words = "models: the folder has no model of capture ball-000: expected ball/ball-000/model.glb in it";
     assert!(told.contains(words), "{told}");
 }
+
+#[test]
+fn man_pages_are_written_whole() {
+    let folder = tempfile::tempdir().unwrap();
+    let pages = folder.path().join("man");
+    let (code, words) = ended(&["generate", "man", pages.to_str().unwrap()], Stdio::null());
+    assert_eq!(code, Some(0), "{words}");
+    for (page, name) in [("scand.1", "scand"), ("scand-session-close.1", "close")] {
+        let text = std::fs::read_to_string(pages.join(page)).unwrap();
+        assert!(text.contains(".SH NAME") && text.contains(name), "{page}");
+    }
+    // A page that cannot be written stays as it was.
+    let page = pages.join("scand.1");
+    std::fs::remove_file(&page).unwrap();
+    std::fs::create_dir(&page).unwrap();
+    let (code, words) = ended(&["generate", "man", pages.to_str().unwrap()], Stdio::null());
+    assert_eq!(code, Some(1), "{words}");
+    assert!(words.contains("scand.1"), "{words}");
+}

@@ -8,6 +8,7 @@ use crate::config::Config;
 use crate::fleet::{
     Access, FleetClient, Program, RigPlan, Role, Status, new_key, retry, serve_rig, status,
 };
+use crate::storage::write_new_for_owner;
 use crate::words::count;
 use crate::workers::{AddressError, FleetAddress};
 use anyhow::Context;
@@ -16,8 +17,6 @@ use clap::error::ErrorKind;
 use clap::{Arg, Command};
 use std::ffi::OsStr;
 use std::future::Future;
-use std::io::Write;
-use std::os::unix::fs::OpenOptionsExt;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
@@ -299,14 +298,7 @@ fn print(status: &Status) {
 
 fn make_key(file: &Path) -> anyhow::Result<ExitCode> {
     let (seed, public) = new_key().context("no key can be made")?;
-    let mut created = std::fs::File::options()
-        .write(true)
-        .create_new(true)
-        .mode(0o600)
-        .open(file)
-        .with_context(|| file.display().to_string())?;
-    created.write_all(format!("{seed}\n").as_bytes())?;
-    created.sync_all()?;
+    write_new_for_owner(file, format!("{seed}\n").as_bytes())?;
     outln!("{public}");
     Ok(ExitCode::SUCCESS)
 }

@@ -53,7 +53,19 @@ pub fn write_atomically(path: &Path, bytes: &[u8]) -> Result<(), Error> {
 /// # Errors
 /// [`Error::Exists`] if something has the name; else as those of [`write_atomically`].
 pub fn write_new(path: &Path, bytes: &[u8]) -> Result<(), Error> {
-    place(path, bytes, &mut File::options(), |part| {
+    put_new(path, bytes, &mut File::options())
+}
+
+/// As [`write_new`], a file that its owner alone may read.
+///
+/// # Errors
+/// As those of [`write_new`].
+pub fn write_new_for_owner(path: &Path, bytes: &[u8]) -> Result<(), Error> {
+    put_new(path, bytes, File::options().mode(0o600))
+}
+
+fn put_new(path: &Path, bytes: &[u8], options: &mut OpenOptions) -> Result<(), Error> {
+    place(path, bytes, options, |part| {
         rename_noreplace(part, path).map_err(|cause| match cause.kind() {
             AlreadyExists => Error::Exists {
                 path: path.to_owned(),
@@ -235,9 +247,13 @@ mod tests {
     fn what_is_for_the_owner_nobody_else_may_read() {
         let home = tempfile::tempdir().unwrap();
         let path = home.path().join("a.txt");
+        let new = home.path().join("b.txt");
         write_atomically_for_owner(&path, b"one").unwrap();
-        let mode = fs::metadata(&path).unwrap().permissions().mode();
-        assert_eq!(mode & 0o777, 0o600);
+        write_new_for_owner(&new, b"one").unwrap();
+        for path in [path, new] {
+            let mode = fs::metadata(&path).unwrap().permissions().mode();
+            assert_eq!(mode & 0o777, 0o600);
+        }
     }
 
     #[test]

@@ -12,7 +12,7 @@ mod testing;
 pub use abandoned::remove_abandoned_parts;
 pub use files::{
     check_writable, read, read_text, rename_durably, rename_noreplace, sync_folder, sync_parent,
-    write_atomically, write_atomically_for_owner, write_new,
+    write_atomically, write_atomically_for_owner, write_new, write_new_for_owner,
 };
 pub use space::free_bytes;
 pub use staged_folder::StagedFolder;
