@@ -3,6 +3,7 @@
 
 use super::subjects::{InvalidName, token};
 use crate::log;
+use crate::storage;
 use crate::workers::FleetAddress;
 use async_nats::jetstream::{self, Context};
 use async_nats::{Client, ConnectOptions, Event};
@@ -17,6 +18,8 @@ use tokio::sync::Semaphore;
 
 /// Bytes of the longest credentials.
 const LONGEST_CREDENTIALS: u64 = 64 << 10;
+/// Bytes of the longest file of authorities: those of a system take 200 kB.
+const LONGEST_AUTHORITY: u64 = 4 << 20;
 /// What systemd calls the credentials of our units, below `$CREDENTIALS_DIRECTORY`.
 const CREDENTIAL: &str = "fleet";
 
@@ -86,6 +89,15 @@ pub enum AccessError {
     /// The file of credentials holds none.
     #[error("credentials {}: expected a .creds file or the seed of an nkey", .0.display())]
     NoCredentials(PathBuf),
+    /// The file of the authorities cannot be read.
+    #[error("authority {}: {cause}", path.display())]
+    Authority {
+        path: PathBuf,
+        cause: std::io::Error,
+    },
+    /// The file of the authorities has no certificate.
+    #[error("authority {}: it has no certificate, expected one or more in PEM", .0.display())]
+    NoAuthority(PathBuf),
     /// The server refuses.
     #[error("{address}: {cause}")]
     Refused {
@@ -176,6 +188,7 @@ fn options(access: &Access, name: &str) -> Result<ConnectOptions, AccessError> {
         .reconnect_delay_callback(|attempts| Duration::from_millis(100 << attempts.min(4)))
         .ignore_discovered_servers();
     if let Some(authority) = &access.authority {
+        check_authority(authority)?;
         options = options.add_root_certificates(authority.clone());
     }
     let lent = std::env::var_os("CREDENTIALS_DIRECTORY");
@@ -184,6 +197,20 @@ fn options(access: &Access, name: &str) -> Result<ConnectOptions, AccessError> {
     match path.or_else(|| lent.filter(|path| path.exists())) {
         Some(path) => with_credentials(options, &path),
         None => Ok(options),
+    }
+}
+
+/// Finds out at once what the client would only say at each try to connect.
+fn check_authority(path: &Path) -> Result<(), AccessError> {
+    let text = storage::read_text(path, LONGEST_AUTHORITY);
+    let text = text.map_err(|cause| AccessError::Authority {
+        path: path.to_owned(),
+        cause,
+    })?;
+    if text.contains("-----BEGIN CERTIFICATE-----") {
+        Ok(())
+    } else {
+        Err(AccessError::NoAuthority(path.to_owned()))
     }
 }
 
@@ -270,6 +297,35 @@ mod tests {
             ..access("nats://10.0.0.1")
         };
         options(&asked, "hall").unwrap();
+    }
+
+    #[test]
+    fn a_file_of_authorities_without_a_certificate_is_refused_by_name() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("authority.pem");
+        let with = || {
+            let access = Access {
+                authority: Some(path.clone()),
+                ..access("tls://10.0.0.1")
+            };
+            options(&access, "hall")
+                .err()
+                .map(|error| error.to_string())
+        };
+        let missing = with().unwrap();
+        assert!(missing.contains("authority.pem"), "{missing}");
+        std::fs::write(&path, "no certificate").unwrap();
+        let empty = with().unwrap();
+        assert!(
+            empty.contains("authority.pem") && empty.contains("PEM"),
+            "{empty}"
+        );
+        std::fs::write(
+            &path,
+            include_str!("../../tests/support/page-certificate.pem"),
+        )
+        .unwrap();
+        assert_eq!(with(), None);
     }
 
     #[test]

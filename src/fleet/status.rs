@@ -94,21 +94,23 @@ impl Dispatcher {
     }
 }
 
+/// Waits for the connection, which is made in the background.
+async fn wait_for_server(fleet: &FleetClient) -> Result<(), String> {
+    for _ in 0..50 {
+        if fleet.is_connected() {
+            return Ok(());
+        }
+        tokio::time::sleep(Duration::from_millis(100)).await;
+    }
+    Err("the server does not answer".into())
+}
+
 /// Asks what a fleet is doing; takes four seconds.
 ///
 /// # Errors
 /// If the server does not answer.
 pub async fn status(fleet: &FleetClient) -> Result<Status, String> {
-    // The connection is made in the background.
-    for _ in 0..50 {
-        if fleet.is_connected() {
-            break;
-        }
-        tokio::time::sleep(Duration::from_millis(100)).await;
-    }
-    if !fleet.is_connected() {
-        return Err("the server does not answer".into());
-    }
+    wait_for_server(fleet).await?;
     let mut heard = fleet
         .client
         .subscribe("scand.worker.*")
@@ -237,10 +239,11 @@ pub(super) async fn stored_subjects(
 /// Asks a rig to offer failed jobs again: that of a capture, or all. Returns how many it offers.
 ///
 /// # Errors
-/// If the rig does not answer, or cannot offer them.
+/// If the server or the rig does not answer, or the rig cannot offer them.
 pub async fn retry(fleet: &FleetClient, rig: &str, capture: Option<&str>) -> Result<usize, String> {
     let rig = subjects::token(rig).map_err(|e| e.to_string())?;
     let wanted = Bytes::from(capture.unwrap_or_default().to_owned());
+    wait_for_server(fleet).await?;
     let answer = fleet.client.request(subjects::retry(&rig), wanted).await;
     let answer = answer.map_err(|e| format!("rig {rig} does not answer: {e}"))?;
     let answer = clean(&String::from_utf8_lossy(&answer.payload), 200);
