@@ -17,7 +17,9 @@ struct File {
 /// # Errors
 /// If it is no such file, or a matrix is no motion: in words for a person.
 pub fn read_poses(text: &str) -> Result<Vec<Isometry3<f64>>, String> {
-    let file: File = serde_json::from_str(text).map_err(|e| e.to_string())?;
+    let file: File = serde_json::from_str(text).map_err(|e| {
+        format!("{e}; expected {{\"rig_from_object\": […]}} with a 4 x 4 matrix for each capture")
+    })?;
     let poses = file.rig_from_object.iter().enumerate();
     poses
         .map(|(i, rows)| {
@@ -58,6 +60,9 @@ mod tests {
         assert_eq!(poses[0].translation.vector.x, 0.1);
         assert!(read_poses(&with("-1")).is_err());
         assert!(read_poses(&with("1.1")).is_err());
-        assert!(read_poses("{}").is_err());
+        for other in ["{}", "[]", "3", "", "{\"rig_from_object\": [[1, 2]]}"] {
+            let error = read_poses(other).unwrap_err();
+            assert!(error.contains("expected {\"rig_from_object\""), "{error}");
+        }
     }
 }
