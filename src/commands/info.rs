@@ -14,7 +14,7 @@ use crate::recording::{Attachment, ChannelInfo, ColorPart, Damage, DepthPart, Re
 use crate::storage::write_atomically;
 use crate::sync;
 use crate::words::{at_most, count, printable};
-use serde::Serialize;
+use serde::{Serialize, Serializer};
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
@@ -127,6 +127,7 @@ fn lines(files: &[PathBuf], in_json: bool) -> ExitCode {
                 code = ExitCode::from(EXIT_INCOMPLETE);
                 let problem = format!("{error:#}");
                 if in_json {
+                    let file = file.to_string_lossy();
                     outln!("{}", serde_json::json!({ "file": file, "error": problem }));
                 }
                 eprintln!("scand: {}", printable(&problem));
@@ -139,6 +140,7 @@ fn lines(files: &[PathBuf], in_json: bool) -> ExitCode {
 /// Everything that is printed about a recording.
 #[derive(Serialize)]
 struct Info {
+    #[serde(serialize_with = "path_text")]
     file: PathBuf,
     bytes: u64,
     cut_off: bool,
@@ -157,6 +159,11 @@ struct Info {
     left_out: Vec<LeftOutCamera>,
     warnings: Vec<String>,
     damage: Vec<Damage>,
+}
+
+/// A path as a text; JSON has none for what is not UTF-8.
+fn path_text<S: Serializer>(path: &Path, into: S) -> Result<S::Ok, S::Error> {
+    into.serialize_str(&path.to_string_lossy())
 }
 
 /// What a capture's model states of its input.

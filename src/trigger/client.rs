@@ -25,6 +25,9 @@ pub enum Error {
         path: PathBuf,
         cause: std::io::Error,
     },
+    /// The daemon ended the connection.
+    #[error("{}: the daemon ended the connection", .0.display())]
+    Ended(PathBuf),
     /// It says what no daemon says.
     #[error("{}: found {line:?}, expected {expected}", path.display())]
     Senseless {
@@ -104,7 +107,7 @@ impl Client {
         let mut line = String::new();
         let read = (&mut self.stream).take(LONGEST_REPLY).read_line(&mut line);
         if read.map_err(|cause| self.broken(cause))? == 0 {
-            return Err(self.broken(std::io::ErrorKind::UnexpectedEof.into()));
+            return Err(Error::Ended(self.path.clone()));
         }
         serde_json::from_str(&line).map_err(|_| Error::Senseless {
             path: self.path.clone(),

@@ -185,6 +185,19 @@ fn results_that_cannot_be_printed_are_a_failure_but_a_closed_pipe_is_none() {
 }
 
 #[test]
+fn an_empty_text_is_wrong_usage() {
+    for arguments in [
+        &["note", "cup-0001", ""][..],
+        &["session", "note", " "],
+        &["trigger", "--subject", ""],
+    ] {
+        let (code, words) = ended(arguments, Stdio::null());
+        assert_eq!(code, Some(2), "{words}");
+        assert!(words.contains("expected a text"), "{words}");
+    }
+}
+
+#[test]
 fn what_has_no_end_is_not_read_for_ever() {
     let desk = Desk::new();
     #[rustfmt::skip]

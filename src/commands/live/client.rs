@@ -5,7 +5,7 @@ use super::status_table;
 use crate::commands::{EXIT_BUSY, is_away, wrong_usage};
 use crate::level::Level;
 use crate::recording::{self, Recording, note_beside};
-use crate::trigger::{Client, Event, Reply, Request, SOCKET, Until};
+use crate::trigger::{self, Client, Event, Reply, Request, SOCKET, Until};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
@@ -34,7 +34,7 @@ pub struct TriggerArgs {
     #[command(flatten)]
     connection: Connection,
     /// The number of the object, recorded with the capture.
-    #[arg(long, value_name = "NUMBER")]
+    #[arg(long, value_name = "NUMBER", value_parser = some_words)]
     subject: Option<String>,
     /// How the object lies, such as upside-down; scand only repeats it in the report.
     #[arg(long, value_name = "WORDS")]
@@ -111,6 +111,7 @@ enum SessionCommand {
     /// Record a note about the session.
     Note {
         /// The note.
+        #[arg(value_parser = some_words)]
         text: String,
     },
     /// Complete the session.
@@ -130,7 +131,7 @@ pub struct NoteArgs {
     /// The capture's id
     capture: String,
     /// `accept`, `reject`, `clear` (which takes either back), or a text
-    #[arg(value_name = "accept|reject|clear|TEXT")]
+    #[arg(value_name = "accept|reject|clear|TEXT", value_parser = some_words)]
     what: String,
     /// Why it is accepted or rejected
     #[arg(value_name = "WHY")]
@@ -154,6 +155,14 @@ pub struct NoteArgs {
 pub struct StatusArgs {
     #[command(flatten)]
     connection: Connection,
+}
+
+/// A text that says something.
+fn some_words(text: &str) -> Result<String, String> {
+    match text.trim() {
+        "" => Err("it is empty, expected a text".into()),
+        _ => Ok(text.into()),
+    }
 }
 
 fn pair(text: &str) -> Result<(String, String), String> {
@@ -302,7 +311,13 @@ pub fn events(args: EventsArgs) -> anyhow::Result<ExitCode> {
         return Ok(ExitCode::FAILURE);
     }
     loop {
-        let event = client.event()?;
+        let event = match client.event() {
+            Err(ended @ trigger::Error::Ended(_)) => {
+                eprintln!("scand: {ended}: ask again when it runs");
+                return Ok(ExitCode::from(EXIT_BUSY));
+            }
+            event => event?,
+        };
         if *json {
             outln!("{}", serde_json::to_string(&event)?);
         } else {
@@ -321,7 +336,7 @@ fn ask(connection: &Connection, request: &Request, until: Until) -> anyhow::Resu
         if connection.json {
             outln!("{}", serde_json::to_string(&reply)?);
         } else {
-            outln!("{}", words(&reply));
+            outln!("{}", reply_words(request, &reply));
         }
         if reply.is_end(until) {
             return Ok(reply);
@@ -334,6 +349,15 @@ fn code(last: &Reply) -> ExitCode {
         Reply::Busy | Reply::Ending => ExitCode::from(EXIT_BUSY),
         Reply::Failed { .. } | Reply::JobFailed { .. } | Reply::Refused { .. } => ExitCode::FAILURE,
         _ => ExitCode::SUCCESS,
+    }
+}
+
+/// What a reply says to the person who asked. The daemon's word for a refusal is the same for presses and other orders.
+fn reply_words(request: &Request, reply: &Reply) -> String {
+    match (request, reply) {
+        (Request::Trigger { .. }, _) => words(reply),
+        (_, Reply::Refused { reason }) => format!("refused: {reason}"),
+        _ => words(reply),
     }
 }
 
