@@ -4,7 +4,7 @@
 use super::bundle::has_model;
 use super::dispatcher::{Dispatcher, JobEvent, JobMessage, JobOutcome, Started, Task};
 use super::job::{JobOffer, JobReport};
-use super::job_state::{JobState, Received};
+use super::job_state::{JobState, Received, SpaceFor, SpooledBytes};
 use super::model_origin::ModelOrigin;
 use super::step::Packed;
 use super::store::ServerError;
@@ -12,6 +12,7 @@ use super::subjects::{self, CAPTURES, JOBS, RESULTS};
 use super::transfer::{FULL_PAUSE, Sent, TransferError, pieces};
 use crate::storage::with_advice;
 use std::sync::Arc;
+use std::sync::atomic::Ordering;
 use std::time::{Duration, Instant};
 use tokio::sync::mpsc;
 
@@ -121,13 +122,17 @@ impl<T: Fn(JobEvent) + Sync> JobState<'_, T> {
             words: String::new(),
         };
         let offers = self.offers;
-        let _turn = offers.children.acquire().await;
         loop {
             // What is packed takes space that captures need, and nobody can take it yet.
             self.wait_for_server().await;
-            self.wait_for_space(0).await;
+            self.wait_for_space(SpaceFor::Capture).await;
             if self.is_over() {
                 return Err(JobOutcome::Withdrawn);
+            }
+            let _turn = offers.children.acquire().await;
+            // Others may have needed the space meanwhile, and none of them may wait for this one.
+            if offers.fleet.is_there().is_err() || self.lacks_space(SpaceFor::Capture) {
+                continue;
             }
             let to = self.packed_path();
             let folder = self.spool.join("packed");
@@ -152,13 +157,20 @@ impl<T: Fn(JobEvent) + Sync> JobState<'_, T> {
                 .await
                 .map_err(|e| failed(format!("no child can be started: {e}")))?;
             match (ended.code, &ended.crash) {
-                (Some(0), _) => return Packed::read(&folder).map_err(failed),
+                (Some(0), _) => {
+                    let packed = Packed::read(&folder).map_err(failed)?;
+                    let all = &offers.captures_in_spool;
+                    self.packed = Some(SpooledBytes::count(all, packed.bytes));
+                    return Ok(packed);
+                }
                 _ if ended.cancelled => return Err(JobOutcome::Withdrawn),
                 (_, Some(_)) => match self.count_crash(&ended.complaint()) {
                     Some(reason) => return Err(failed(reason)),
                     None => continue,
                 },
-                _ if self.lacks_space() => self.report_problem(&ended.complaint()),
+                _ if self.lacks_space(SpaceFor::Capture) => {
+                    self.report_problem(&ended.complaint());
+                }
                 _ => {
                     return Err(JobOutcome::MakeLocally {
                         reason: ended.complaint(),
@@ -193,7 +205,12 @@ impl<T: Fn(JobEvent) + Sync> JobState<'_, T> {
     async fn send_patiently(&self, offer: &JobOffer) -> Result<(), JobOutcome> {
         let mut sent = Sent::default();
         while !self.is_over() {
-            match self.send(offer, &mut sent).await {
+            // Whoever stops the program does not wait for files that wait for their turn.
+            let done = tokio::select! {
+                done = self.send(offer, &mut sent) => done,
+                () = self.offers.stopped() => break,
+            };
+            match done {
                 Ok(()) => return Ok(()),
                 Err(problem @ TransferError::TooLarge { .. }) => {
                     let reason = problem.to_string();
@@ -303,18 +320,23 @@ impl<T: Fn(JobEvent) + Sync> JobState<'_, T> {
         }
     }
 
-    /// Takes a result in, and says meanwhile that the job is not neglected: checking a result, and making it again, may
-    /// take longer than a rig waits for workers.
+    /// Takes a result in, and says meanwhile that the job is not neglected, unless it waits for space or the server:
+    /// checking a result, and making it again, may take longer than a rig waits for workers.
     async fn take_in(&mut self, offer: &JobOffer, made_of: &str, reported: &JobReport) -> Received {
         let on_event = self.on_event;
         let (worker, _) = reported.sender();
+        let waits = self.waits.clone();
         let taking = self.take(offer, made_of, reported);
         tokio::pin!(taking);
         let mut tick = tokio::time::interval(POLL_INTERVAL);
         loop {
             tokio::select! {
                 taken = &mut taking => return taken,
-                _ = tick.tick() => on_event(JobEvent::Started(worker)),
+                _ = tick.tick() => {
+                    if !waits.load(Ordering::Relaxed) {
+                        on_event(JobEvent::Started(worker));
+                    }
+                }
             }
         }
     }

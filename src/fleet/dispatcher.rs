@@ -124,6 +124,9 @@ pub struct Dispatcher {
     pub(super) plan: DispatcherPlan,
     /// Where this process packs captures and results wait; on the disk of the models.
     pub(super) spool: ProcessFolder,
+    /// Bytes of packed captures in the spool, and of results there.
+    pub(super) captures_in_spool: AtomicU64,
+    pub(super) results_in_spool: AtomicU64,
     pub(super) children: Semaphore,
     pub(super) cancel: Cancel,
     /// Numbers the folders in the spool.
@@ -172,6 +175,8 @@ impl Dispatcher {
         Ok(Arc::new(Self {
             fleet,
             spool,
+            captures_in_spool: AtomicU64::default(),
+            results_in_spool: AtomicU64::default(),
             plan,
             children: Semaphore::new(CHILDREN),
             cancel: Cancel::new()?,
@@ -207,6 +212,13 @@ impl Dispatcher {
     pub(super) async fn pause(&self, time: Duration) {
         let mut stopped = self.stopped.subscribe();
         let _ = tokio::time::timeout(time, stopped.wait_for(|stopped| *stopped)).await;
+    }
+
+    /// Waits until all is to end.
+    pub(super) async fn stopped(&self) {
+        let mut stopped = self.stopped.subscribe();
+        // It fails only if there is no sender any more, and this owns it.
+        let _ = stopped.wait_for(|stopped| *stopped).await;
     }
 
     /// Hears what workers say, and finds what was said while nobody listened, for ever.

@@ -12,7 +12,7 @@ use crate::storage::free_bytes;
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::PathBuf;
 use std::sync::Arc;
-use std::sync::atomic::Ordering;
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::time::{Duration, Instant};
 use tokio::task::spawn_blocking;
 
@@ -33,6 +33,41 @@ pub(super) struct JobState<'a, T> {
     /// Since when each of these runs has held the job, and the name of its worker.
     pub(super) held: BTreeMap<String, (String, Instant)>,
     pub(super) connections: u64,
+    /// Its packed capture, as long as that is in the spool.
+    pub(super) packed: Option<SpooledBytes<'a>>,
+    /// Whether it waits for space or for the server, so that nothing is done for it.
+    pub(super) waits: Arc<AtomicBool>,
+}
+
+/// A file in the spool; it is to be removed before this is dropped.
+pub(super) struct SpooledBytes<'a> {
+    all: &'a AtomicU64,
+    bytes: u64,
+}
+
+impl<'a> SpooledBytes<'a> {
+    /// Counts a file's bytes among `all` of its kind.
+    pub(super) fn count(all: &'a AtomicU64, bytes: u64) -> Self {
+        all.fetch_add(bytes, Ordering::Relaxed);
+        Self { all, bytes }
+    }
+}
+
+impl Drop for SpooledBytes<'_> {
+    fn drop(&mut self) {
+        self.all.fetch_sub(self.bytes, Ordering::Relaxed);
+    }
+}
+
+/// What needs space on the disk of the models.
+#[derive(Clone, Copy)]
+pub(super) enum SpaceFor {
+    /// A capture that is to be packed.
+    Capture,
+    /// A result of so many bytes that is to be fetched. It lets jobs end, and their captures give back their space.
+    Result(u64),
+    /// A model that is to be put into place. Then its result gives back its space, too.
+    Model,
 }
 
 /// How one result was taken in.
@@ -57,6 +92,8 @@ impl<'a, T: Fn(JobEvent) + Sync> JobState<'a, T> {
             started: BTreeMap::new(),
             held: BTreeMap::new(),
             connections: offers.fleet.connections(),
+            packed: None,
+            waits: Arc::default(),
         }
     }
 
@@ -114,36 +151,58 @@ impl<'a, T: Fn(JobEvent) + Sync> JobState<'a, T> {
         (self.on_event)(JobEvent::Problem(words));
     }
 
-    pub(super) fn lacks_space(&self) -> bool {
-        self.lacks_space_for(0)
+    /// Whether that would leave less free than captures, or others, need. What jobs give back when they end counts as
+    /// free for what lets them end: otherwise the spool could keep them from ending for ever.
+    pub(super) fn lacks_space(&self, purpose: SpaceFor) -> bool {
+        let offers = self.offers;
+        let captures = || offers.captures_in_spool.load(Ordering::Relaxed);
+        let results = || offers.results_in_spool.load(Ordering::Relaxed);
+        let given_back = match purpose {
+            SpaceFor::Capture => 0,
+            SpaceFor::Result(_) => captures(),
+            SpaceFor::Model => captures().saturating_add(results()),
+        };
+        let needed = self.needed_bytes(purpose);
+        free_bytes(offers.spool.path()).is_ok_and(|free| free.saturating_add(given_back) < needed)
     }
 
-    fn lacks_space_for(&self, bytes: u64) -> bool {
-        let needed = self.offers.plan.keep_free_bytes.saturating_add(bytes);
-        free_bytes(self.offers.spool.path()).is_ok_and(|free| free < needed)
+    /// Bytes that have to be free.
+    fn needed_bytes(&self, purpose: SpaceFor) -> u64 {
+        let bytes = match purpose {
+            SpaceFor::Result(bytes) => bytes,
+            SpaceFor::Capture | SpaceFor::Model => 0,
+        };
+        self.offers.plan.keep_free_bytes.saturating_add(bytes)
     }
 
-    /// Waits until a file of this length leaves as much space free as captures, or others, need.
-    pub(super) async fn wait_for_space(&self, bytes: u64) {
-        while self.lacks_space_for(bytes) && !self.is_over() {
+    /// Waits until there is space enough.
+    pub(super) async fn wait_for_space(&self, purpose: SpaceFor) {
+        while self.lacks_space(purpose) && !self.is_over() {
+            self.set_waiting(true);
             let folder = self.offers.spool.path().display();
-            let needed = self.offers.plan.keep_free_bytes.saturating_add(bytes);
             self.report_problem(&format!(
                 "{folder} has less than {} MB left; jobs wait until you free some space",
-                needed / 1_000_000
+                self.needed_bytes(purpose) / 1_000_000
             ));
             self.offers.pause(Duration::from_secs(5)).await;
         }
+        self.set_waiting(false);
     }
 
     pub(super) async fn wait_for_server(&self) {
         while let Err(away) = self.offers.fleet.is_there() {
             if self.is_over() {
-                return;
+                break;
             }
+            self.set_waiting(true);
             self.report_problem(&away.to_string());
             self.offers.pause(Duration::from_millis(500)).await;
         }
+        self.set_waiting(false);
+    }
+
+    pub(super) fn set_waiting(&self, waits: bool) {
+        self.waits.store(waits, Ordering::Relaxed);
     }
 
     pub(super) async fn erase_capture(&self, offer: &JobOffer) {

@@ -6,7 +6,7 @@ use super::dispatcher::{JobEvent, JobOutcome};
 use super::distrust::{MARK, mark_all};
 use super::file_sum::FileSum;
 use super::job::{JobOffer, JobReport};
-use super::job_state::{JobState, Received};
+use super::job_state::{JobState, Received, SpaceFor, SpooledBytes};
 use super::model_origin::ModelOrigin;
 use super::step::{BUNDLE, EXIT_DIFFERS, EXIT_EQUAL, EXIT_REFUSED};
 use super::subjects::{self, RESULTS};
@@ -59,9 +59,14 @@ impl<T: Fn(JobEvent) + Sync> JobState<'_, T> {
                     bytes: *bytes,
                     crc32: *crc32,
                 };
-                self.wait_for_space(*bytes).await;
+                self.wait_for_space(SpaceFor::Result(*bytes)).await;
                 loop {
-                    match fleet.fetch_file(RESULTS, part, sum, &bundle).await {
+                    let fetched = tokio::select! {
+                        fetched = fleet.fetch_file(RESULTS, part, sum, &bundle) => fetched,
+                        () = self.offers.stopped() => return Received::Done(JobOutcome::Withdrawn),
+                    };
+                    self.set_waiting(fetched.is_err());
+                    match fetched {
                         Ok(()) => break,
                         Err(TransferError::Gone | TransferError::Differs) => {
                             fleet.erase(subject).await;
@@ -77,9 +82,13 @@ impl<T: Fn(JobEvent) + Sync> JobState<'_, T> {
                     }
                     self.offers.pause(Duration::from_secs(2)).await;
                 }
+                let all = &self.offers.results_in_spool;
+                let in_spool = SpooledBytes::count(all, *bytes);
                 let taken = self
                     .commit(offer, made_of, (worker, contents_sha256), &bundle)
                     .await;
+                let _ = std::fs::remove_file(&bundle);
+                drop(in_spool);
                 if !matches!(taken, Received::Done(JobOutcome::Withdrawn)) {
                     fleet.erase_file(*pieces, part).await;
                     fleet.erase(subject).await;
@@ -113,9 +122,9 @@ impl<T: Fn(JobEvent) + Sync> JobState<'_, T> {
         (worker, contents): (&str, &str),
         bundle: &Path,
     ) -> Received {
-        let _turn = self.offers.children.acquire().await;
         loop {
-            self.wait_for_space(0).await;
+            self.wait_for_space(SpaceFor::Model).await;
+            let turn = self.offers.children.acquire().await;
             // So that it is known whose model it is even if this process is killed right after it was put into place.
             let origin = self.origin(offer, made_of, worker, contents);
             if let Err(error) = origin.announce(&self.task.target) {
@@ -141,8 +150,10 @@ impl<T: Fn(JobEvent) + Sync> JobState<'_, T> {
             });
             let ended = match child.await {
                 Ok(ended) => ended,
+                Err(_) if self.is_over() => return Received::Done(JobOutcome::Withdrawn),
                 Err(error) => {
                     self.report_problem(&format!("no child can be started: {error}"));
+                    drop(turn);
                     self.offers.pause(Duration::from_secs(5)).await;
                     continue;
                 }
@@ -163,8 +174,12 @@ impl<T: Fn(JobEvent) + Sync> JobState<'_, T> {
                     self.crashed(offer, reason, &ended.words).await
                 }
                 _ if ended.cancelled || self.is_over() => Received::Done(JobOutcome::Withdrawn),
-                _ if self.lacks_space() => {
+                // The models' disk itself is full: what others give back may not be enough.
+                _ if self.lacks_space(SpaceFor::Capture) => {
                     self.report_problem(&ended.complaint());
+                    drop(turn);
+                    self.set_waiting(true);
+                    self.offers.pause(Duration::from_secs(5)).await;
                     continue;
                 }
                 _ => {

@@ -2,7 +2,10 @@
 
 use crate::support::skipped::{Needed, skip};
 use crate::support::wait::until;
-use crate::test_bench::{TestBench, finished, made_here, models, said, simulated, spawned};
+use crate::test_bench::{
+    TestBench, finished, made_here, models, said, simulated, simulated_of, spawned,
+};
+use scand::storage::free_bytes;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 
@@ -74,6 +77,33 @@ fn full_disks_are_named_and_jobs_wait_for_space_or_go_to_other_workers() {
     assert!(output.status.success(), "{}", bench.log("replay"));
     assert!(models(&bench.path("out")) == here);
     assert!(!bench.log("full").contains("its model is being made"));
+}
+
+#[test]
+fn space_that_a_job_gives_back_at_its_end_does_not_keep_it_from_ending() {
+    const KEPT_FREE: u64 = 200_000_000;
+    let Some(bench) = TestBench::start("") else {
+        return;
+    };
+    let out = bench.path("out");
+    let Some(_disk) = SmallDisk::mount(&out, "300m") else {
+        return;
+    };
+    let recording = simulated_of(1, "320x240");
+    let here = made_here(&bench, &recording);
+    let of_model: usize = here.values().flatten().map(|(_, bytes)| bytes.len()).sum();
+    let of_capture = std::fs::metadata(&recording).unwrap().len();
+    // The model fits, but not beside the packed capture.
+    let free = KEPT_FREE + of_model as u64 + of_capture / 2;
+    let filler = std::fs::File::create(out.join("filler")).unwrap();
+    let length = free_bytes(&out).unwrap() - free;
+    rustix::fs::fallocate(&filler, rustix::fs::FallocateFlags::empty(), 0, length).unwrap();
+    let _worker = bench.worker("w", &[]);
+    let output = finished(spawned(bench.by_fleet(&recording, "out", &[])));
+    assert!(output.status.success(), "{}", said(&output));
+    assert!(!said(&output).contains("until you free some space"));
+    std::fs::remove_file(out.join("filler")).unwrap();
+    assert!(models(&out) == here);
 }
 
 #[test]
