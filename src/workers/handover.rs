@@ -3,6 +3,8 @@
 //! Neither waits for the other, and each may be started again at any time.
 
 use super::job::{ENDING, Job};
+use super::jobs::is_hidden;
+use crate::log;
 use crate::storage::{self, write_atomically};
 use serde::{Deserialize, Serialize};
 use std::fs::File;
@@ -63,8 +65,7 @@ pub fn offered(recordings: &Path) -> std::io::Result<Vec<OfferedJob>> {
     let mut offered_jobs = Vec::new();
     for entry in std::fs::read_dir(folder(recordings))? {
         let file = entry?.path();
-        let name = file.file_name().unwrap_or_default().to_string_lossy();
-        if name.starts_with('.') {
+        if is_hidden(&file) {
             continue;
         }
         let ending = file.extension().and_then(|ending| ending.to_str());
@@ -84,12 +85,18 @@ pub fn offered(recordings: &Path) -> std::io::Result<Vec<OfferedJob>> {
     Ok(offered_jobs)
 }
 
-/// Says that a worker has begun a job, or still does it.
+/// Says that a worker has begun a job, or still does it. That is said again every few seconds and means nothing after a
+/// power cut, so that nothing waits for the disk.
 ///
 /// # Errors
 /// If the file cannot be written.
-pub fn report_started(file: &Path, worker: &str) -> Result<(), storage::Error> {
-    write_atomically(&file.with_extension(STARTED), worker.as_bytes())
+pub fn report_started(file: &Path, worker: &str) -> std::io::Result<()> {
+    let path = file.with_extension(STARTED);
+    let name = path.file_name().unwrap_or_default().to_string_lossy();
+    // Hidden files are no jobs.
+    let new = path.with_file_name(format!(".{name}"));
+    std::fs::write(&new, worker)?;
+    std::fs::rename(&new, &path)
 }
 
 /// Says what became of a job. One that failed is kept for [`offer_failed_again`].
@@ -101,7 +108,12 @@ pub fn answer(file: &Path, answer: &Answer) -> Result<(), storage::Error> {
         && let Some(folder) = kept.parent()
         && std::fs::create_dir_all(folder).is_ok()
     {
-        let _ = std::fs::copy(file, &kept);
+        let copied = std::fs::read(file).map_err(|e| e.to_string());
+        let copied =
+            copied.and_then(|job| write_atomically(&kept, &job).map_err(|e| e.to_string()));
+        if let Err(error) = copied {
+            log::warning!("{}: {error}; it cannot be offered again", kept.display());
+        }
     }
     let bytes = serde_json::to_vec(answer).unwrap_or_default();
     write_atomically(&file.with_extension(ANSWER), &bytes)
@@ -124,6 +136,9 @@ pub fn offer_failed_again(recordings: &Path, capture: Option<&str>) -> std::io::
     let mut count = 0;
     for entry in entries {
         let kept = entry?.path();
+        if is_hidden(&kept) {
+            continue;
+        }
         let job = Job::parse(&std::fs::read(&kept)?).ok();
         let is_wanted = |job: &Job| capture.is_none_or(|wanted| wanted == job.capture);
         let queued = kept.file_name().map(|name| folder.join(name));

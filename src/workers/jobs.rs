@@ -228,12 +228,14 @@ impl Jobs {
         let job = std::fs::read(&path)
             .ok()
             .and_then(|bytes| Job::parse(&bytes).ok())?;
-        let renamed = storage::rename_durably(&path, &path.with_extension(REJECTED));
-        if let Err(error) = renamed {
+        if let Err(error) = std::fs::rename(&path, path.with_extension(REJECTED)) {
             log::error!("{}: {error}", path.display());
             return None;
         }
         state.waiting = state.waiting.saturating_sub(1);
+        // A foot switch asks for the status before each press, which counts the jobs: it does not wait for the disk.
+        drop(state);
+        self.sync();
         Some(self.recordings.join(job.recording))
     }
 
@@ -242,13 +244,21 @@ impl Jobs {
         let mut state = self.state.lock();
         for name in self.named(capture, REJECTED) {
             let path = self.folder.join(name);
-            let renamed = storage::rename_durably(&path, &path.with_extension(ENDING));
-            match renamed {
+            match std::fs::rename(&path, path.with_extension(ENDING)) {
                 Ok(()) => state.waiting += 1,
                 Err(error) => log::error!("{}: {error}", path.display()),
             }
         }
+        drop(state);
         self.changed.notify_all();
+        self.sync();
+    }
+
+    /// Brings the names of jobs to the disk. If that fails, the notes that changed them are heeded at the next start.
+    fn sync(&self) {
+        if let Err(error) = storage::sync_folder(&self.folder) {
+            log::warning!("{}: {error}", self.folder.display());
+        }
     }
 
     /// Lets notes take effect that were written beside recordings while no daemon ran: a job whose capture was rejected
@@ -375,14 +385,22 @@ impl Jobs {
                 continue;
             }
             match oldest(&self.folder, &state.running) {
-                Ok(Some(name)) => {
-                    state.waiting -= 1;
-                    if let Some(job) = self.read(&name) {
-                        let running = (job.clone(), Instant::now());
-                        state.running.insert(name.clone(), running);
-                        return Some(ClaimedJob { name, job });
+                Ok(Some(name)) => match self.read(&name) {
+                    Ok(job) => {
+                        state.waiting -= 1;
+                        if let Some(job) = job {
+                            let running = (job.clone(), Instant::now());
+                            state.running.insert(name.clone(), running);
+                            return Some(ClaimedJob { name, job });
+                        }
                     }
-                }
+                    Err(error) => {
+                        log::error!("{}: {error}", self.folder.join(name).display());
+                        drop(state);
+                        self.pause(Duration::from_secs(5));
+                        state = self.state.lock();
+                    }
+                },
                 // A person has removed them.
                 Ok(None) => state.waiting = 0,
                 Err(error) => {
@@ -412,7 +430,7 @@ impl Jobs {
             if state.running.contains_key(&name) || !path.exists() {
                 continue;
             }
-            let Some(job) = self.read(&name) else {
+            let Ok(Some(job)) = self.read(&name) else {
                 continue;
             };
             state.waiting = state.waiting.saturating_sub(1);
@@ -428,16 +446,15 @@ impl Jobs {
         self.folder.join(&taken.name)
     }
 
-    /// Reads a job; a file that is not a job is set aside.
-    fn read(&self, name: &str) -> Option<Job> {
+    /// Reads a job; a file that is not a job is set aside, which is not an error.
+    fn read(&self, name: &str) -> std::io::Result<Option<Job>> {
         let path = self.folder.join(name);
-        let read = std::fs::read(&path).map_err(|e| e.to_string());
-        match read.and_then(|bytes| Job::parse(&bytes)) {
-            Ok(job) => Some(job),
+        match Job::parse(&std::fs::read(&path)?) {
+            Ok(job) => Ok(Some(job)),
             Err(problem) => {
                 let end = set_aside(&path);
                 log::error!("{} is not a job: {problem}; {end}", path.display());
-                None
+                Ok(None)
             }
         }
     }
@@ -516,7 +533,8 @@ fn is_job(path: &Path) -> bool {
     !is_hidden(path) && path.extension().is_some_and(|e| e == ENDING)
 }
 
-fn is_hidden(path: &Path) -> bool {
+/// Whether a file is being written, or none of a job.
+pub(super) fn is_hidden(path: &Path) -> bool {
     let name = path.file_name().unwrap_or_default();
     name.as_encoded_bytes().starts_with(b".")
 }
