@@ -5,7 +5,7 @@ use crate::trigger::Reply;
 use crate::words::count;
 use crate::{log, storage};
 use std::fs::File;
-use std::io::{Read, Write};
+use std::io::{ErrorKind, Read, Write};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::{Duration, SystemTime, UNIX_EPOCH};
@@ -78,10 +78,19 @@ impl Journal {
         Ok(())
     }
 
+    /// Begins the next file, whatever an earlier attempt has done already.
+    fn make_way(&mut self) -> std::io::Result<()> {
+        match std::fs::rename(&self.path, old(&self.path)) {
+            Err(error) if error.kind() != ErrorKind::NotFound => return Err(error),
+            _ => {}
+        }
+        self.begin()?;
+        storage::sync_parent(&self.path)
+    }
+
     fn write(&mut self, line: &Line) -> std::io::Result<()> {
         if self.bytes > LARGEST_FILE {
-            storage::rename_durably(&self.path, &old(&self.path))?;
-            self.begin()?;
+            self.make_way()?;
         }
         let Some(file) = &self.file else {
             return Ok(());
