@@ -71,7 +71,9 @@ pub fn pack(path: &Path, goes_on: impl Fn() -> bool) -> Result<Packed, Error> {
             return Ok(Packed::GivenUp);
         };
         copy.finish().map_err(io(packed))?;
-        check(packed, content)?;
+        if !is_same(packed, content, &goes_on)? {
+            return Ok(Packed::GivenUp);
+        }
         put_into_place(&file, path, packed)
     };
     let made = made();
@@ -272,16 +274,19 @@ fn packed(content: &[u8], goes_on: &dyn Fn() -> bool) -> IoResult<Option<Vec<u8>
     encoder.finish().map(Some)
 }
 
-/// Whether the packed copy holds what it is to hold.
-fn check(packed: &Path, expected: [u8; 32]) -> Result<(), Error> {
+/// Finds that the packed copy holds what it is to hold; false if that was given up meanwhile.
+fn is_same(packed: &Path, expected: [u8; 32], goes_on: &dyn Fn() -> bool) -> Result<bool, Error> {
     let mut digest = Sha256::new();
     let recording = Recording::open(packed)?;
-    each_part(recording.source(), |part| {
+    let is_whole = each_part(recording.source(), |part| {
         part.add_to(&mut digest);
-        Ok(true)
+        Ok(goes_on())
     })?;
+    if !is_whole {
+        return Ok(false);
+    }
     if recording.damage().is_empty() && <[u8; 32]>::from(digest.finalize()) == expected {
-        return Ok(());
+        return Ok(true);
     }
     let differs = std::io::Error::other("the packed copy does not unpack to the same messages");
     Err(io(packed)(differs))
