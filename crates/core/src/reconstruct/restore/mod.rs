@@ -21,7 +21,7 @@ pub use even_walls::EvenWalls;
 use even_walls::{Sight, even_walls};
 pub use laplacian::Singular;
 
-use super::depth::EnhancedDepth;
+use super::depth::{DepthKind, EnhancedDepth};
 use super::fairing::FairedSolid;
 use super::hull::{self, Carved, Carving, ExtractedSurface, Hull, carving_of};
 use super::region::Regions;
@@ -217,9 +217,10 @@ pub fn depth_hull(template: &Template, sources: &[Source], parameters: &Paramete
     let cell_size = template.lattice.cell_size;
     let everywhere = |s: &Source| {
         let (depth, front) = (&s.depth.depth, &s.regions.front.depth);
+        let bias = s.regions.bias.metres as f32;
         let mut carving = Grid::from_fn(depth.width(), depth.height(), |x, y| {
-            if front[(x, y)].is_finite() {
-                depth[(x, y)]
+            if front[(x, y)].is_finite() && s.depth.kind[(x, y)] != DepthKind::None {
+                depth[(x, y)] - bias
             } else {
                 0.0
             }
