@@ -4,7 +4,7 @@ use super::depth::{self, EnhancedDepth};
 use super::faired_surface::{FairedSurface, FairingResult, PlainHull};
 use super::fairing;
 use super::hull::{self, Cone, Hull};
-use super::region::{self, Bias, HullRenderings, Regions};
+use super::region::{self, Bias, HullRenderings, OutlineOffset, Regions};
 use super::restore::{self, EvenWalls, Restored, Source, Template};
 use super::silhouette::{self, Silhouette};
 use super::surface::Solid;
@@ -134,6 +134,8 @@ pub struct DepthResult {
     pub enhanced: EnhancedDepth,
     /// Its concave regions.
     pub regions: Regions,
+    /// How far the object's outline is from the hull's; `None` where that cannot be told.
+    pub outline: Option<OutlineOffset>,
 }
 
 /// Pixels around the hull's image in which depth is enhanced: the filter's kernel wants them.
@@ -402,11 +404,13 @@ impl DepthInputs<'_> {
                 &object,
                 &parameters.region,
             );
+            let outline = region::outline_offset(in_rig, &front, &bias, volume);
             seen.push(DepthOfHull {
                 front,
                 object,
                 enhanced,
                 bias,
+                outline,
             });
         }
         fuse_depths(scene, &mut seen);
@@ -476,11 +480,16 @@ fn regions_of(
             object,
             enhanced,
             bias,
+            outline,
         } = seen;
         let mut regions = region::find(front, &enhanced, bias, &object, &parameters.region);
         let camera = &view.camera;
         add_free_space(&mut regions, &enhanced, &object, camera, errors, parameters);
-        DepthResult { enhanced, regions }
+        DepthResult {
+            enhanced,
+            regions,
+            outline,
+        }
     };
     scene.depths.iter().zip(seen).map(find).collect()
 }
@@ -513,6 +522,7 @@ struct DepthOfHull {
     object: Mask,
     enhanced: EnhancedDepth,
     bias: Bias,
+    outline: Option<OutlineOffset>,
 }
 
 /// Gives each depth camera the depth that all of them agree on.
@@ -570,7 +580,15 @@ fn restore(
         .zip(depths)
         .enumerate()
         .map(
-            |(number, (view, DepthResult { enhanced, regions }))| Source {
+            |(
+                number,
+                (
+                    view,
+                    DepthResult {
+                        enhanced, regions, ..
+                    },
+                ),
+            )| Source {
                 number,
                 camera: &view.camera,
                 depth: enhanced,

@@ -165,7 +165,7 @@ fn is_around(camera: &DepthCamera, pixel: Point2<f64>, depth: f64, volume: &Volu
 }
 
 /// Depth at which a pixel's ray meets the plane z = 0 of the rig.
-fn depth_of_table(camera: &DepthCamera, pixel: Point2<f64>) -> Option<f64> {
+pub(super) fn depth_of_table(camera: &DepthCamera, pixel: Point2<f64>) -> Option<f64> {
     let height = |depth: f64| camera.point(pixel, depth).map(|p: Point3<f64>| p.z);
     let start = camera.camera.center().z.abs().max(0.1);
     // A ray is straight but for the response's scale; two secant steps find its foot.
@@ -181,7 +181,7 @@ fn depth_of_table(camera: &DepthCamera, pixel: Point2<f64>) -> Option<f64> {
 }
 
 /// Mean over the frames of a pixel's depth, where most of them have a reading.
-fn mean_depth(view: &DepthView, x: usize, y: usize) -> Option<f64> {
+pub(super) fn mean_depth(view: &DepthView, x: usize, y: usize) -> Option<f64> {
     let depths = || {
         let readings = view.frames.iter().map(|f| f.readings[(x, y)]);
         readings.filter_map(|r| view.camera.response.depth(r))

@@ -8,13 +8,15 @@
 //! - `support` decides which holes of the depth lie between a hollow's readings;
 //! - `segment` is the paper's segmentation (equation 5) of the difference;
 //! - `free_space` adds what a depth camera sees through although the hull claims it;
-//! - `in_front` tells where a depth camera reads the object in front of a hull that was faired.
+//! - `in_front` tells where a depth camera reads the object in front of a hull that was faired;
+//! - `outline` compares the object's outline in the depth with the hull's.
 
 mod bias;
 mod free_space;
 mod front;
 mod hollow;
 mod in_front;
+mod outline;
 mod segment;
 mod support;
 
@@ -22,6 +24,7 @@ pub use bias::{Bias, BiasSource, stated_bias};
 pub use free_space::{DepthPixel, Doubt, add_free_space};
 pub use front::{HullRenderings, front_vertices};
 pub use in_front::{FairedHullView, read_in_front};
+pub use outline::{OutlineOffset, outline_offset};
 
 use crate::calibration::Volume;
 use crate::image::{Grid, Mask};

@@ -5,7 +5,7 @@ use crate::frame::CameraId;
 use crate::image::Grid;
 use crate::mesh::{Fragment, Mesh, rasterize_closed};
 use crate::reconstruct::depth::{DepthKind, Facts};
-use crate::reconstruct::region::Bias;
+use crate::reconstruct::region::{Bias, OutlineOffset};
 use crate::reconstruct::{DepthResult, DepthView};
 use crate::statistics::{nearest_rank_quantile, upper_median};
 use serde::Serialize;
@@ -25,6 +25,9 @@ pub struct DepthMeasures {
     pub stated_uncertainty: Option<f64>,
     /// Standard deviation of the difference between depth and hull, in metres: the paper's sigma F.
     pub sigma_difference: f64,
+    /// How far the object's outline, as it was read, is from that of the colour cameras' hull; `None` where that cannot
+    /// be told.
+    pub outline: Option<OutlineOffset>,
     /// Its concave regions and the free space that it sees; `None` where it has neither.
     pub regions: Option<RegionMeasures>,
 }
@@ -61,7 +64,11 @@ pub struct RegionMeasures {
 impl DepthMeasures {
     /// Measures one depth camera.
     pub fn of(view: &DepthView, result: &DepthResult, model: &Mesh) -> Self {
-        let DepthResult { enhanced, regions } = result;
+        let DepthResult {
+            enhanced,
+            regions,
+            outline,
+        } = result;
         let kinds = enhanced.kind.pixels();
         let front = regions.front.is_front.pixels();
         let front_pixels = front.iter().filter(|&&f| f).count();
@@ -78,6 +85,7 @@ impl DepthMeasures {
             bias: regions.bias,
             stated_uncertainty: (stated > 0.0).then_some(stated),
             sigma_difference: f64::from(regions.sigma_difference),
+            outline: *outline,
             regions: (regions.count > 0)
                 .then(|| RegionMeasures::of(view, result, model, front_pixels)),
         }
@@ -101,6 +109,7 @@ impl DepthMeasures {
             },
             stated_uncertainty: None,
             sigma_difference: 0.0,
+            outline: None,
             regions: None,
         }
     }
@@ -108,7 +117,9 @@ impl DepthMeasures {
 
 impl RegionMeasures {
     fn of(view: &DepthView, result: &DepthResult, model: &Mesh, front_pixels: usize) -> Self {
-        let DepthResult { enhanced, regions } = result;
+        let DepthResult {
+            enhanced, regions, ..
+        } = result;
         let inside: Vec<usize> = (0..regions.labels.pixels().len())
             .filter(|&i| regions.labels.pixels()[i] != 0)
             .collect();

@@ -42,6 +42,7 @@ pub(super) fn judge(measured: &Measurements, parameters: &Parameters, into: &mut
         });
     }
     about_bias(&seeing, parameters, into);
+    into.extend(outlines(&seeing, parameters));
     into.extend(unchecked(&seeing));
     about_regions(&seeing, parameters, into);
     if !seeing.is_empty() {
@@ -150,6 +151,25 @@ fn about_bias(seeing: &[&DepthMeasures], parameters: &Parameters, into: &mut Vec
         }
         reason
     }));
+}
+
+/// Depth cameras that see the object end elsewhere than the colour cameras do. A wrong focal length moves no reading of the
+/// table, but makes a hollow too wide or too narrow.
+fn outlines(seeing: &[&DepthMeasures], parameters: &Parameters) -> Option<Reason> {
+    let apart = |d: &&DepthMeasures| Some((d.camera.clone(), 1e3 * d.outline?.apart));
+    let each: Vec<(CameraId, f64)> = seeing.iter().filter_map(apart).collect();
+    about_cameras(
+        ReasonCode::DepthOutline,
+        &parameters.outline_mm,
+        each.iter().map(|(camera, apart)| (camera, *apart)),
+        |v| format!("{v:.1} mm"),
+        |names| {
+            format!(
+                "the object's outline in the depth is not where the colour cameras' hull has it: {names}; the calibration \
+                of one or the other may be wrong"
+            )
+        },
+    )
 }
 
 /// Depth cameras that carved although neither the table nor the hull shows by how much they are off. The error that the

@@ -70,6 +70,8 @@ pub enum ReasonCode {
     DepthDisagrees,
     /// A depth camera is off by more than its calibration says.
     DepthBiased,
+    /// The object's outline in the depth is not where the hull's is.
+    DepthOutline,
     /// Nothing shows by how much a depth camera is off.
     DepthUnchecked,
     /// No depth camera read parts of the hull that face up: each may be the lid over a hollow.

@@ -86,6 +86,8 @@ pub struct Parameters {
     pub disagreement_mm: Limits,
     /// Bias of a depth camera over what its calibration leaves possible, in millimetres. Default 2 and 15.
     pub bias_excess_mm: Limits,
+    /// Millimetres between the object's outline as a depth camera read it and that of the hull. Default 2.5.
+    pub outline_mm: Limits,
     /// Bias in millimetres that a depth camera may have where its recording does not say. Default 10.
     #[serde(deserialize_with = "crate::range::within::<_, f64, 0, 1000000>")]
     pub unstated_uncertainty_mm: f64,
@@ -128,6 +130,7 @@ impl Default for Parameters {
             region_share: Limits::amber(0.95),
             disagreement_mm: Limits::amber_red(3.0, 10.0),
             bias_excess_mm: Limits::amber_red(2.0, 15.0),
+            outline_mm: Limits::amber(2.5),
             unstated_uncertainty_mm: 10.0,
             openings_closed: Limits::amber(2000.0),
             dropped_pieces: Limits::amber(100.0),

@@ -4,7 +4,7 @@ use super::*;
 use crate::capture::{ColorFacts, LeftOutCamera, Silhouette};
 use crate::frame::{CaptureId, Timestamp};
 use crate::mesh;
-use crate::reconstruct::region::BiasSource;
+use crate::reconstruct::region::{BiasSource, OutlineOffset};
 use crate::reconstruct::uncertainty::UnrequiredPiece;
 use crate::reconstruct::{Method, Provenance, silhouette};
 use crate::report::{
@@ -239,6 +239,28 @@ fn a_hollow_whose_depth_nothing_checks_is_told() {
     assert_eq!(codes(&verdict, Level::Green), [ReasonCode::DepthUnchecked]);
     let words = &verdict.reasons[0].words;
     assert!(words.contains("kinect; it may be up to 8.0 mm"), "{words}");
+}
+
+#[test]
+fn an_outline_that_the_depth_has_elsewhere_is_amber_and_names_the_camera() {
+    let of = |apart| {
+        let mut measured = measured();
+        let mut depth = crate::report::DepthMeasures::nothing(id("kinect"));
+        depth.facts.measured = 1000;
+        depth.outline = Some(OutlineOffset {
+            places: 300,
+            outwards: -apart,
+            apart,
+        });
+        measured.depth_cameras = 1;
+        measured.depths = vec![depth];
+        judged(&measured, &capture())
+    };
+    assert_eq!(of(2.4e-3).level, Level::Green);
+    let verdict = of(3e-3);
+    assert_eq!(codes(&verdict, Level::Amber), [ReasonCode::DepthOutline]);
+    let words = &verdict.reasons[0].words;
+    assert!(words.contains("kinect (3.0 mm)"), "{words}");
 }
 
 #[test]
