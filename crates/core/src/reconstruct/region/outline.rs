@@ -1,6 +1,6 @@
-//! Where the object ends in a depth camera's view, against the outline of the hull: both are of the same object, so that
-//! they lie apart only as far as the calibrations of the depth camera and of the colour cameras do, or the hull stands out.
-//! A lens of another focal length shifts no reading towards the table, but every outline. Nothing here carves.
+//! Where the object ends in a depth camera's view, against the outline of the hull. Both are of the same object: they
+//! lie apart only as far as the calibrations of the depth camera and of the colour cameras do, or as the hull stands
+//! out. A wrong focal length moves no reading of the table, but every outline. Nothing here carves.
 
 use super::bias::{Bias, depth_of_table, mean_depth};
 use super::front::{HullRenderings, stands_on_table};
@@ -83,9 +83,9 @@ impl Outline<'_> {
         is_finite(&self.front.depth, x, y)
     }
 
-    /// At a pixel on the hull's outline, how many pixels outside of that the object ends, and the length of a pixel there
-    /// in metres. `None` elsewhere, where the outline is no border between the object and a table far behind it, and
-    /// where too little was read.
+    /// At a pixel on the hull's outline, how many pixels outside of that the object ends, and the length of a pixel
+    /// there in metres. `None` elsewhere, where the outline is no border between the object and a table far behind it,
+    /// and where too little was read.
     fn offset_at(&self, x: isize, y: isize) -> Option<(f32, f32)> {
         let beside = [(-1, 0), (1, 0), (0, -1), (0, 1)];
         let is_border =
@@ -143,8 +143,8 @@ impl Outline<'_> {
     }
 }
 
-/// After how many pixels at least and at most the object ends, given for each whether it was read as the object: where the
-/// fewest readings lie on the wrong side. These are several places where nothing was read, as often beside a border.
+/// After how many pixels at least and at most the object ends, given for each whether it was read as the object: where
+/// the fewest readings lie on the wrong side. Where nothing was read, as often beside a border, these are several.
 fn ends_of_object(is_object: &[Option<bool>]) -> Option<(usize, usize)> {
     let count = |wanted: bool| {
         is_object

@@ -153,8 +153,8 @@ fn about_bias(seeing: &[&DepthMeasures], parameters: &Parameters, into: &mut Vec
     }));
 }
 
-/// Depth cameras that see the object end elsewhere than the colour cameras do. A wrong focal length moves no reading of the
-/// table, but makes a hollow too wide or too narrow.
+/// Depth cameras that see the object end elsewhere than the colour cameras do. A wrong focal length moves no reading of
+/// the table, but makes a hollow too wide or too narrow.
 fn outlines(seeing: &[&DepthMeasures], parameters: &Parameters) -> Option<Reason> {
     let apart = |d: &&DepthMeasures| Some((d.camera.clone(), 1e3 * d.outline?.apart));
     let each: Vec<(CameraId, f64)> = seeing.iter().filter_map(apart).collect();

@@ -243,7 +243,7 @@ fn a_hollow_whose_depth_nothing_checks_is_told() {
 
 #[test]
 fn an_outline_that_the_depth_has_elsewhere_is_amber_and_names_the_camera() {
-    let of = |apart| {
+    let of = |apart: f64| {
         let mut measured = measured();
         let mut depth = crate::report::DepthMeasures::nothing(id("kinect"));
         depth.facts.measured = 1000;
