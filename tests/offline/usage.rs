@@ -185,6 +185,28 @@ fn results_that_cannot_be_printed_are_a_failure_but_a_closed_pipe_is_none() {
 }
 
 #[test]
+fn one_limit_of_a_verdict_leaves_the_other_as_it_is() {
+    let (code, words) = ended(
+        &["replay", "none.mcap", "--set", "verdict.displaced.red=0.01"],
+        Stdio::null(),
+    );
+    assert_ne!(code, Some(78), "{words}");
+    let (code, words) = ended(
+        &[
+            "replay",
+            "none.mcap",
+            "--set",
+            "verdict.displaced.red=0.001",
+        ],
+        Stdio::null(),
+    );
+    assert_eq!(code, Some(78), "{words}");
+    for field in ["displaced.amber", "displaced.red"] {
+        assert!(words.contains(field), "{words}");
+    }
+}
+
+#[test]
 fn an_empty_text_is_wrong_usage() {
     for arguments in [
         &["note", "cup-0001", ""][..],

@@ -1,17 +1,25 @@
 //! Where green ends and amber and red begin. `design/verdict.md` has the data that the defaults come from.
 
 use super::Level;
-use serde::{Deserialize, Serialize};
+use serde::de::{Deserializer, Error};
+use serde::{Deserialize, Serialize, Serializer};
 
-/// Two limits of one figure, in its unit. Any number is taken: beyond one that no figure reaches, nothing is a reason.
+/// Two limits of one figure, in its unit. Any number is taken: beyond one that no figure reaches, such as `inf`, nothing
+/// is a reason. A limit that is not given is the figure's default.
 #[derive(Clone, Copy, Debug, PartialEq, Deserialize, Serialize)]
 #[serde(deny_unknown_fields)]
 pub struct Limits {
     /// Beyond this it is amber.
+    #[serde(default = "not_given")]
     pub amber: f64,
-    /// Beyond this it is red. Default none: it never is.
+    /// Beyond this it is red; without it, it never is.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub red: Option<f64>,
+}
+
+/// What stands for a limit until [`Parameters`] puts the figure's default in its place.
+fn not_given() -> f64 {
+    f64::NAN
 }
 
 impl Limits {
@@ -25,11 +33,19 @@ impl Limits {
             red: Some(red),
         }
     }
+
+    /// Puts the defaults in the place of what was not given.
+    fn complete(&mut self, defaults: &Self) {
+        if self.amber.is_nan() {
+            self.amber = defaults.amber;
+        }
+        self.red = self.red.or(defaults.red);
+    }
 }
 
 /// The limits of a verdict. A figure beyond its limit is a reason.
 #[derive(Clone, Debug, PartialEq, Deserialize, Serialize)]
-#[serde(deny_unknown_fields, default)]
+#[serde(remote = "Self", deny_unknown_fields, default)]
 pub struct Parameters {
     /// Displacement of the silhouette of a camera that moved, as a share of the object's longest side. Default
     /// 0.005 and 0.03.
@@ -142,7 +158,63 @@ impl Default for Parameters {
     }
 }
 
+impl Serialize for Parameters {
+    fn serialize<S: Serializer>(&self, into: S) -> Result<S::Ok, S::Error> {
+        Self::serialize(self, into)
+    }
+}
+
+/// What is derived reads the fields; the limits that are not given, and those that contradict each other, are seen here.
+impl<'de> Deserialize<'de> for Parameters {
+    fn deserialize<D: Deserializer<'de>>(from: D) -> Result<Self, D::Error> {
+        let mut read = Self::deserialize(from)?;
+        let mut defaults = Self::default();
+        for ((name, limits), (_, default)) in read.limits().into_iter().zip(defaults.limits()) {
+            limits.complete(default);
+            let Limits { amber, red } = *limits;
+            if let Some(red) = red.filter(|red| *red < amber && amber.is_finite()) {
+                return Err(D::Error::custom(format!(
+                    "{name}.amber is {amber} and {name}.red is {red}, expected an amber limit that is not above the red \
+                     one: give both"
+                )));
+            }
+        }
+        Ok(read)
+    }
+}
+
 impl Parameters {
+    /// All pairs of limits, with their names.
+    fn limits(&mut self) -> [(&'static str, &mut Limits); 25] {
+        [
+            ("displaced", &mut self.displaced),
+            ("uncovered", &mut self.uncovered),
+            ("frame_cut", &mut self.frame_cut),
+            ("overexposed", &mut self.overexposed),
+            ("underexposed", &mut self.underexposed),
+            ("blur_px", &mut self.blur_px),
+            ("backdrop_changed", &mut self.backdrop_changed),
+            ("told_by_outline", &mut self.told_by_outline),
+            ("background_age_h", &mut self.background_age_h),
+            ("skew_ms", &mut self.skew_ms),
+            ("lid_unread", &mut self.lid_unread),
+            ("unobserved", &mut self.unobserved),
+            ("region_unread", &mut self.region_unread),
+            ("bridged", &mut self.bridged),
+            ("expected_mm", &mut self.expected_mm),
+            ("region_share", &mut self.region_share),
+            ("disagreement_mm", &mut self.disagreement_mm),
+            ("bias_excess_mm", &mut self.bias_excess_mm),
+            ("outline_mm", &mut self.outline_mm),
+            ("openings_closed", &mut self.openings_closed),
+            ("dropped_pieces", &mut self.dropped_pieces),
+            ("components", &mut self.components),
+            ("handles", &mut self.handles),
+            ("handles_of_depth", &mut self.handles_of_depth),
+            ("unpainted", &mut self.unpainted),
+        ]
+    }
+
     /// The level of what only silhouettes show: a note where they are all that is wanted.
     pub(super) fn unless_hull_is_wanted(&self, level: Level) -> Level {
         if self.hull_is_wanted {

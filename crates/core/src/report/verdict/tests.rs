@@ -538,6 +538,36 @@ fn what_is_no_number_is_red() {
 }
 
 #[test]
+fn a_limit_that_is_not_given_is_the_default_and_amber_is_not_above_red() {
+    let read = |text: &str| toml::from_str::<Parameters>(text);
+    let given = |text: &str| read(text).unwrap();
+    let limits = |amber, red| Limits { amber, red };
+    let displaced = |text: &str| given(text).displaced;
+    assert_eq!(
+        displaced("displaced.amber = 0.004"),
+        limits(0.004, Some(0.03))
+    );
+    assert_eq!(displaced("displaced.red = 0.01"), limits(0.005, Some(0.01)));
+    assert_eq!(
+        displaced("displaced.red = inf"),
+        limits(0.005, Some(f64::INFINITY))
+    );
+    let frame_cut = given("frame_cut.red = 0.1").frame_cut;
+    assert_eq!(frame_cut, limits(0.02, Some(0.1)));
+    assert_eq!(given("frame_cut.amber = 0.1").frame_cut.red, None);
+    for text in [
+        "displaced = { amber = 0.05, red = 0.001 }",
+        "displaced.red = 0.001",
+        "displaced.amber = 0.05",
+    ] {
+        let error = read(text).unwrap_err().message().to_owned();
+        for field in ["displaced.amber", "displaced.red"] {
+            assert!(error.contains(field), "{text}: {error}");
+        }
+    }
+}
+
+#[test]
 fn limits_are_read_from_a_file_and_misspelt_ones_refused() {
     let read: Parameters = toml::from_str("skew_ms = { amber = 1, red = 3 }").unwrap();
     assert_eq!(read.skew_ms.red, Some(3.0));
