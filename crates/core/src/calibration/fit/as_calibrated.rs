@@ -9,7 +9,7 @@ use super::result::Figures;
 use super::session::{Session, View};
 use super::sheet::Sheet;
 use crate::calibration::{Camera, Face, RigCalibration};
-use nalgebra::Isometry3;
+use nalgebra::{Isometry3, Point2, Point3};
 use rayon::prelude::*;
 
 /// The session without cameras that are not known, and the known ones.
@@ -105,4 +105,32 @@ pub(super) fn off_px(bundle: &Bundle, camera: usize) -> f64 {
     let views = bundle.views.iter().filter(|v| v.camera == camera);
     let residuals = views.flat_map(|v| bundle.residuals(v));
     Figures::of(residuals.map(|r| r.map_or(1e3, |r| r.norm()))).rms_px
+}
+
+/// Root mean square of all residuals in pixels.
+pub(super) fn all_off_px(bundle: &Bundle) -> f64 {
+    let residuals = bundle.views.iter().flat_map(|v| bundle.residuals(v));
+    Figures::of(residuals.map(|r| r.map_or(1e3, |r| r.norm()))).rms_px
+}
+
+/// Root mean square in pixels that noise leaves of the board where each view may show it in a place of its own, so that
+/// it does not depend on where the cameras are: the median of all views.
+pub(super) fn noise_px(bundle: &Bundle) -> f64 {
+    let of_view = |view: &Observation| {
+        let camera = &bundle.cameras[view.camera];
+        let rig_from_board = bundle.placements[view.placement].rig_from_board;
+        let start = match view.back {
+            true => camera.camera_from_rig * rig_from_board * bundle.board_from_back,
+            false => camera.camera_from_rig * rig_from_board,
+        };
+        let points = bundle.sheet.shaped(view.back, &view.points);
+        let alone = planar::refined(&camera.lens, &points, &start)?.camera_from_plane;
+        let length = |(p, pixel): &(Point3<f64>, Point2<f64>)| {
+            Some((camera.lens.project((alone * p).coords)? - pixel).norm())
+        };
+        let lengths: Vec<f64> = points.iter().map(length).collect::<Option<_>>()?;
+        Some(Figures::of(lengths.into_iter()).rms_px)
+    };
+    let of_views: Vec<f64> = bundle.views.par_iter().filter_map(of_view).collect();
+    Figures::of(of_views.into_iter()).median_px
 }

@@ -14,14 +14,22 @@ const LEAST: f64 = 0.005;
 /// Step in which the size is refined, as a part of it.
 const STEP: f64 = 0.002;
 
-/// By what share the board would have to be larger than stated so that no camera is off by more than `most_px`; `None`
-/// if no size does that.
+/// A board of another size than the stated one.
+pub(super) struct OtherSize {
+    /// By what share it is larger.
+    pub larger: f64,
+    /// The largest root mean square in pixels that it leaves of a camera.
+    pub left_px: f64,
+}
+
+/// The size that the board would have to be of so that no camera is off by more than `most_px`; `None` if no other size
+/// does that.
 pub(super) fn explaining(
     session: &Session,
     cameras: &[Camera],
     parameters: &Parameters,
     most_px: f64,
-) -> Option<f64> {
+) -> Option<OtherSize> {
     let rough = by_rays(session, cameras)?;
     if !(0.2..=5.0).contains(&rough) {
         return None;
@@ -36,9 +44,12 @@ pub(super) fn explaining(
         false => 0.0,
     };
     let times = rough + STEP * step;
-    let explains = (times - 1.0).abs() > LEAST
-        && off(&started(session, cameras, parameters, times, true)) <= most_px;
-    explains.then_some(times - 1.0)
+    if (times - 1.0).abs() <= LEAST {
+        return None;
+    }
+    let left_px = off(&started(session, cameras, parameters, times, true));
+    let larger = times - 1.0;
+    (left_px <= most_px).then_some(OtherSize { larger, left_px })
 }
 
 /// How many times as large the board must be for the cameras' lines of sight to its middle to meet: each camera by

@@ -2,8 +2,8 @@
 
 use super::Parameters;
 use super::adjust::{Bundle, CameraState, Observation, moved};
-use super::as_calibrated::{known_part, off_px, start};
-use super::board_size;
+use super::as_calibrated::{all_off_px, known_part, noise_px, off_px, start};
+use super::board_size::{self, OtherSize};
 use super::lens::Lens;
 use super::outliers::mild_loss;
 use super::result::Figures;
@@ -13,6 +13,7 @@ use crate::frame::CameraId;
 use crate::range;
 use crate::words::count;
 use nalgebra::{Isometry3, Matrix3, Point2, Point3, Vector3, Vector6};
+use rayon::prelude::*;
 use std::collections::BTreeSet;
 
 /// When a camera counts as moved.
@@ -23,8 +24,8 @@ pub struct DriftLimits {
     /// Default 0.4, range 0.001 to 1000.
     #[serde(deserialize_with = "range::from_a_thousandth::<_, _, 1000>")]
     pub moved_px: f64,
-    /// It must also be more than this many times the usual displacement of the cameras, of which at most `moved_px`
-    /// counts.
+    /// It must also be more than this many times what noise leaves of the board in a view by itself, of which at most
+    /// `moved_px` counts.
     /// Default 3, range 1 to 1000.
     #[serde(deserialize_with = "range::within::<_, _, 1, 1000>")]
     pub ratio: f64,
@@ -85,16 +86,26 @@ pub enum CheckError {
         /// The stated board.
         board: String,
     },
-    /// Too many cameras disagree.
+    /// Cameras disagree, and it cannot be told which of them moved.
     #[error(
-        "of {} that saw the board, {moved} disagree with the calibration ({names}): calibrate the rig again",
+        "the {} that saw the board disagree by up to {off_px:.2} px on where it is ({most_px:.2} px are allowed), and \
+         it cannot be told which of them moved: calibrate the rig again",
         count(*seen, "camera")
     )]
     Disagree {
         /// Cameras that saw the board.
         seen: usize,
-        moved: usize,
-        names: String,
+        off_px: f64,
+        most_px: f64,
+    },
+    /// A camera's pictures are mirrored.
+    #[error(
+        "the pictures of camera {camera} are mirrored: mirrored back they agree with the calibration, and no camera \
+         moved; switch its mirroring off and show the board again"
+    )]
+    Mirrored {
+        /// The camera, or those of which it may be any.
+        camera: String,
     },
     /// Two cameras are at each other's place.
     #[error(
@@ -146,7 +157,8 @@ pub struct PairMotion {
 /// how far a board may be bent.
 ///
 /// # Errors
-/// If the board has another size than stated, two cameras are exchanged, or half of three or more cameras disagree.
+/// If the board has another size than stated, a camera's pictures are mirrored, two cameras are exchanged, or three or
+/// more cameras disagree and it cannot be told which of them moved.
 pub fn check(
     session: &Session,
     known: &RigCalibration,
@@ -157,13 +169,20 @@ pub fn check(
     let mut bundle = start(session.clone(), &cameras, parameters);
     let (seen, alone) = compared(&bundle);
     bundle.adjust_robustly(4);
+    // A camera that moved draws the board with it, so that all are off: only a view by itself shows what is noise.
+    let beyond_noise_px = watch.ratio * noise_px(&bundle).min(watch.moved_px);
+    let most_px = beyond_noise_px.max(watch.moved_px);
     let watched = Watched {
         session: &session,
         cameras: &cameras,
         parameters,
         seen,
+        most_of_pair_px: beyond_noise_px.max(LEAST_OFF),
     };
-    if let Some([first, second]) = watched.exchanged(&bundle, watch.moved_px) {
+    if let Some(camera) = watched.mirrored(&bundle, most_px) {
+        return Err(CheckError::Mirrored { camera });
+    }
+    if let Some([first, second]) = watched.exchanged(&bundle, most_px) {
         return Err(CheckError::Exchanged { first, second });
     }
     let (movers, against_each_other) = match watched.seen.as_slice() {
@@ -172,7 +191,7 @@ pub fn check(
             Vec::new(),
             watched.moved_pair(&mut bundle, [*first, *second], watch),
         ),
-        _ => (watched.movers(&mut bundle, watch)?, None),
+        _ => (watched.movers(&mut bundle, most_px)?, None),
     };
     let checked = |(index, camera): (usize, &Camera)| {
         let views = bundle.views.iter().filter(|v| v.camera == index).count();
@@ -205,6 +224,9 @@ pub fn check(
 /// Least root mean square in pixels by which two cameras must contradict each other to count as moved.
 const LEAST_OFF: f64 = 0.2;
 
+/// One explanation is clearly better than another if it leaves this many times less.
+const CLEARLY: f64 = 1.1;
+
 /// Most cameras of which each two are tried as exchanged.
 const MOST_EXCHANGED: usize = 6;
 
@@ -231,6 +253,8 @@ struct Watched<'a> {
     parameters: &'a Parameters,
     /// Those that saw the board together with others.
     seen: Vec<usize>,
+    /// Displacement in pixels above which two cameras contradict each other.
+    most_of_pair_px: f64,
 }
 
 impl Watched<'_> {
@@ -266,57 +290,130 @@ impl Watched<'_> {
                 camera => camera,
             };
         }
+        self.agree(session, most_px)
+    }
+
+    /// The camera without whose mirror all cameras agree with the calibration, or all of which that is true.
+    fn mirrored(&self, bundle: &Bundle, most_px: f64) -> Option<String> {
+        // Mirrored views may show the board so far away that none of them counts.
+        let are_all_used = bundle.views.len() == self.session.views.len();
+        if are_all_used && self.farthest_px(bundle, &[]) <= most_px {
+            return None;
+        }
+        let agree_mirrored = |camera: usize| {
+            let mut session = self.session.clone();
+            let width = session.cameras[camera].size[0];
+            let own = session.views.iter_mut().filter(|v| v.camera == camera);
+            let mut changed = 0;
+            for view in own {
+                *view = view.mirrored(&self.session.board, width);
+                changed += 1;
+            }
+            changed > 0 && self.agree(session, most_px)
+        };
+        let found: Vec<usize> = (0..self.cameras.len())
+            .into_par_iter()
+            .filter(|&camera| agree_mirrored(camera))
+            .collect();
+        let names = found.iter().map(|&c| self.cameras[c].id.to_string());
+        (!found.is_empty()).then(|| names.collect::<Vec<_>>().join(" or of camera "))
+    }
+
+    /// Whether all cameras agree with the calibration in all views of this session.
+    fn agree(&self, session: Session, most_px: f64) -> bool {
         let count = session.views.len();
         let mut bundle = start(session, self.cameras, self.parameters);
         bundle.adjust_robustly(4);
-        let mut seen = self.seen.iter();
-        bundle.views.len() == count && seen.all(|&c| off_px(&bundle, c) <= most_px)
+        let is_near = |c: usize| off_px(&bundle, c) <= most_px;
+        bundle.views.len() == count && (0..self.cameras.len()).all(is_near)
     }
 
-    /// The cameras that moved, freed in `bundle`: the worst one after the other, until the others agree.
-    fn movers(&self, bundle: &mut Bundle, watch: &DriftLimits) -> Result<Vec<usize>, CheckError> {
-        let mut movers: Vec<usize> = Vec::new();
-        loop {
-            let off = self.seen.iter().map(|&c| (off_px(bundle, c), c));
-            let off: Vec<(f64, usize)> = off.collect();
-            let still = off.iter().filter(|(_, c)| !movers.contains(c));
-            let usual = Figures::of(still.clone().map(|(off, _)| *off)).median_px;
-            // Where all are far off, that is not usual.
-            let most = watch.moved_px.max(watch.ratio * usual.min(watch.moved_px));
-            let Some((_, worst)) = still
-                .filter(|(off, _)| *off > most)
-                .max_by(|a, b| a.0.total_cmp(&b.0))
-            else {
-                return Ok(movers);
-            };
-            if movers.is_empty()
-                && let Some(larger) = self.other_size(most)
-            {
-                return Err(CheckError::OtherBoard {
-                    larger,
-                    board: self.session.board.to_string(),
-                });
-            }
-            bundle.cameras[*worst].pose_free = true;
-            movers.push(*worst);
-            if 2 * movers.len() >= self.seen.len() {
-                let names: Vec<&str> = movers
-                    .iter()
-                    .map(|&c| self.cameras[c].id.as_str())
-                    .collect();
-                let (seen, moved) = (self.seen.len(), movers.len());
-                return Err(CheckError::Disagree {
-                    seen,
-                    moved,
-                    names: names.join(", "),
-                });
-            }
-            bundle.adjust(mild_loss(bundle), 50);
+    /// The largest displacement in pixels of a camera that is not one of these.
+    fn farthest_px(&self, bundle: &Bundle, except: &[usize]) -> f64 {
+        let held = self.seen.iter().filter(|c| !except.contains(c));
+        held.map(|&c| off_px(bundle, c)).fold(0.0, f64::max)
+    }
+
+    /// The cameras that moved, freed in `bundle`: none, or so few that the others show it.
+    fn movers(&self, bundle: &mut Bundle, most_px: f64) -> Result<Vec<usize>, CheckError> {
+        let off_px = self.farthest_px(bundle, &[]);
+        if off_px <= most_px {
+            return Ok(Vec::new());
         }
+        let moved = self.fewest_movers(bundle, most_px);
+        let left_px = |(movers, freed): &(Vec<usize>, Bundle)| self.farthest_px(freed, movers);
+        let is_likelier = |size: &OtherSize| {
+            let by_moved = moved.as_ref().map(left_px);
+            by_moved.is_none_or(|by_moved| size.left_px < CLEARLY * by_moved)
+        };
+        if let Some(size) = self.other_size(most_px).filter(is_likelier) {
+            return Err(CheckError::OtherBoard {
+                larger: size.larger,
+                board: self.session.board.to_string(),
+            });
+        }
+        let Some((movers, freed)) = moved else {
+            return Err(CheckError::Disagree {
+                seen: self.seen.len(),
+                off_px,
+                most_px,
+            });
+        };
+        *bundle = freed;
+        Ok(movers)
     }
 
-    /// By what share the board would have to be larger than stated so that no camera is off by more than `most` pixels.
-    fn other_size(&self, most: f64) -> Option<f64> {
+    /// The fewest cameras, and less than half, without which the others agree, and a bundle in which they are free;
+    /// `None` if there are none, or if others would do as well. A camera that moved draws the board with it, so that the
+    /// one that is farthest off need not be it: each is freed in turn, and the one kept that lets all agree best.
+    fn fewest_movers(&self, bundle: &Bundle, most_px: f64) -> Option<(Vec<usize>, Bundle)> {
+        let (mut movers, mut bundle) = (Vec::new(), bundle.clone());
+        let mut told = None;
+        while 2 * (movers.len() + 1) < self.seen.len() {
+            let freed = |&camera: &usize| {
+                let mut freed = bundle.clone();
+                freed.cameras[camera].pose_free = true;
+                for _ in 0..2 {
+                    freed.adjust(mild_loss(&freed), 50);
+                }
+                (all_off_px(&freed), camera, freed)
+            };
+            let held = self.seen.par_iter().filter(|c| !movers.contains(*c));
+            let mut tried: Vec<(f64, usize, Bundle)> = held.map(freed).collect();
+            tried.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
+            let mut tried = tried.into_iter();
+            let (best_px, camera, best) = tried.next()?;
+            let others_px = tried.next().map(|(all_px, ..)| all_px);
+            movers.push(camera);
+            bundle = best;
+            let left_px = self.farthest_px(&bundle, &movers);
+            let is_whole = left_px <= self.most_of_pair_px;
+            // The board follows two cameras that contradict each other.
+            let is_pair_left = self.seen.len() - movers.len() == 2;
+            let agree = is_whole || (left_px <= most_px && !is_pair_left && told.is_none());
+            let is_clear = others_px.is_none_or(|others_px| CLEARLY * best_px < others_px);
+            let moved = |&camera: &usize| self.moved_px(&bundle, camera) > most_px;
+            if agree && is_clear && movers.iter().all(moved) {
+                told = Some((movers.clone(), bundle.clone()));
+            }
+            // The others may agree only because the board lies between them and one more that moved.
+            if is_whole {
+                break;
+            }
+        }
+        told
+    }
+
+    /// By how many pixels the board is elsewhere in a camera's picture than its calibration says.
+    fn moved_px(&self, bundle: &Bundle, camera: usize) -> f64 {
+        let known = &self.cameras[camera];
+        let lens = Lens::from_intrinsics(&known.intrinsics);
+        let before = known.rig_from_camera.inverse();
+        rms(&lens, &in_rig(bundle, camera), &before)
+    }
+
+    /// The size of the board with which no camera is off by more than `most` pixels.
+    fn other_size(&self, most: f64) -> Option<OtherSize> {
         board_size::explaining(self.session, self.cameras, self.parameters, most)
     }
 
@@ -350,7 +447,7 @@ impl Watched<'_> {
         Some(PairMotion {
             cameras: pair.map(|c| self.cameras[c].id.clone()),
             motion: motion(&lens, &pairs, second, &bundle.cameras[pair[1]]),
-            board_larger: self.other_size(most),
+            board_larger: self.other_size(most).map(|size| size.larger),
         })
     }
 }

@@ -206,6 +206,104 @@ fn a_bent_board_does_not_hide_a_camera_that_moved() {
     assert_eq!(moved, ["c02"]);
 }
 
+/// What a check says of a rig of `cameras` cameras, some of them turned by this many degrees, and a board that is
+/// described with squares of `square` millimetres: the cameras that it names, or why it names none.
+fn checked(
+    cameras: usize,
+    turned_cameras: &[usize],
+    degrees: f64,
+    square: f64,
+) -> Result<Vec<String>, CheckError> {
+    let truth = rig(cameras, 6);
+    let known = calibration(&truth);
+    let turn = |truth, &camera: &usize| {
+        let to = 2.4 * camera as f64;
+        turned(
+            truth,
+            camera,
+            Vector3::new(to.cos(), to.sin(), 0.3),
+            degrees,
+        )
+    };
+    let truth = turned_cameras.iter().fold(truth, turn);
+    let mut session = truth.session(0.05, &mut Random(3));
+    session.board.square = 1e-3 * square;
+    let (limits, parameters) = (DriftLimits::default(), Parameters::default());
+    let checks = check(&session, &known, &limits, &parameters)?;
+    for camera in &checks.cameras {
+        let is_near = camera.off_px <= limits.moved_px;
+        assert!(is_near || camera.motion.is_some(), "{camera:?}");
+    }
+    let moved = checks.cameras.iter().filter(|c| c.motion.is_some());
+    Ok(moved.map(|c| c.camera.to_string()).collect())
+}
+
+#[test]
+fn a_camera_that_draws_the_board_with_it_is_found() {
+    for degrees in [0.05, 0.1] {
+        for camera in 0..3 {
+            let moved = checked(3, &[camera], degrees, 25.0).unwrap();
+            assert_eq!(moved, [format!("c{camera:02}")], "{degrees}");
+        }
+        for two in [[0, 1], [2, 4], [1, 3]] {
+            let moved = checked(5, &two, degrees, 25.0).unwrap();
+            assert_eq!(
+                moved,
+                two.map(|camera| format!("c{camera:02}")),
+                "{degrees}"
+            );
+        }
+    }
+    for cameras in [3, 5] {
+        assert!(checked(cameras, &[], 0.0, 25.0).unwrap().is_empty());
+    }
+}
+
+#[test]
+fn if_most_cameras_moved_none_is_named() {
+    for moved in [&[0, 1, 2, 3][..], &[0, 1, 2, 3, 4]] {
+        let error = checked(5, moved, 0.05, 25.0).unwrap_err();
+        assert!(
+            matches!(error, CheckError::Disagree { seen: 5, .. }),
+            "{error}"
+        );
+        let words = error.to_string();
+        assert!(
+            words.contains("it cannot be told which of them moved") && !words.contains("c0"),
+            "{words}"
+        );
+    }
+}
+
+#[test]
+fn a_board_that_is_a_little_larger_is_told_before_cameras_are_blamed() {
+    for (square, told) in [
+        (24.7, "1.2 % larger"),
+        (24.8, "0.8 % larger"),
+        (25.3, "1.2 % smaller"),
+    ] {
+        for cameras in [3, 5] {
+            let words = checked(cameras, &[], 0.0, square).unwrap_err().to_string();
+            assert!(words.contains(told), "{square} {cameras}: {words}");
+        }
+    }
+}
+
+#[test]
+fn a_camera_whose_pictures_are_mirrored_is_named_alone() {
+    for (cameras, shown, camera) in [(3, 6, 1), (5, 1, 3), (5, 6, 0), (2, 4, 1)] {
+        let truth = rig(cameras, shown);
+        let mut session = truth.session(0.1, &mut Random(3));
+        let (board, width) = (session.board, session.cameras[camera].size[0]);
+        let own = session.views.iter_mut().filter(|v| v.camera == camera);
+        own.for_each(|view| *view = view.mirrored(&board, width));
+        let (limits, parameters) = (DriftLimits::default(), Parameters::default());
+        let error = check(&session, &calibration(&truth), &limits, &parameters).unwrap_err();
+        let told = format!("c{camera:02}");
+        assert_eq!(error, CheckError::Mirrored { camera: told });
+    }
+}
+
 /// The witnesses' readings of a rig whose board is described with squares of this size, and the verdict.
 fn testified(
     square: f64,

@@ -74,6 +74,20 @@ impl View {
             };
         }
     }
+
+    /// What the camera would have seen without a mirror, in pictures of this width.
+    pub(super) fn mirrored(&self, board: &Board, width: usize) -> View {
+        let mut mirrored = self.clone();
+        for corner in &mut mirrored.corners {
+            corner.pixel.x = width as f64 - 1.0 - corner.pixel.x;
+            // The order that keeps the first square black.
+            match board.rows.is_multiple_of(2) {
+                true => corner.row = board.rows - 1 - corner.row,
+                false => corner.column = board.columns - 1 - corner.column,
+            }
+        }
+        mirrored
+    }
 }
 
 /// Quarter turns that map the pattern onto itself.

@@ -181,16 +181,6 @@ fn shifted_part(
 
 /// What the camera would have seen without the mirror.
 fn mirrored(reference: &Reference, view: &View) -> View {
-    let board = &reference.session.board;
-    let width = reference.session.cameras[view.camera].size[0] as f64 - 1.0;
-    let mut mirrored = view.clone();
-    for corner in &mut mirrored.corners {
-        corner.pixel.x = width - corner.pixel.x;
-        // The order that keeps the first square black.
-        match board.rows.is_multiple_of(2) {
-            true => corner.row = board.rows - 1 - corner.row,
-            false => corner.column = board.columns - 1 - corner.column,
-        }
-    }
-    mirrored
+    let session = &reference.session;
+    view.mirrored(&session.board, session.cameras[view.camera].size[0])
 }
