@@ -364,8 +364,8 @@ impl Watched<'_> {
     }
 
     /// The fewest cameras, and less than half, without which the others agree, and a bundle in which they are free;
-    /// `None` if there are none, or if others would do as well. A camera that moved draws the board with it, so that the
-    /// one that is farthest off need not be it: each is freed in turn, and the one kept that lets all agree best.
+    /// `None` if there are none, or if others would do as well. A camera that moved draws the board with it, so that
+    /// the one that is farthest off need not be it: each is freed in turn, and the one kept that lets all agree best.
     fn fewest_movers(&self, bundle: &Bundle, most_px: f64) -> Option<(Vec<usize>, Bundle)> {
         let (mut movers, mut bundle) = (Vec::new(), bundle.clone());
         let mut told = None;

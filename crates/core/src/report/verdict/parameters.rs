@@ -4,8 +4,8 @@ use super::Level;
 use serde::de::{Deserializer, Error};
 use serde::{Deserialize, Serialize, Serializer};
 
-/// Two limits of one figure, in its unit. Any number is taken: beyond one that no figure reaches, such as `inf`, nothing
-/// is a reason. A limit that is not given is the figure's default.
+/// Two limits of one figure, in its unit. Any number is taken: beyond one that no figure reaches, such as `inf`,
+/// nothing is a reason. A limit that is not given is the figure's default.
 #[derive(Clone, Copy, Debug, PartialEq, Deserialize, Serialize)]
 #[serde(deny_unknown_fields)]
 pub struct Limits {
@@ -164,7 +164,7 @@ impl Serialize for Parameters {
     }
 }
 
-/// What is derived reads the fields; the limits that are not given, and those that contradict each other, are seen here.
+/// What is derived reads the fields; here are seen the limits that are not given, and those that contradict each other.
 impl<'de> Deserialize<'de> for Parameters {
     fn deserialize<D: Deserializer<'de>>(from: D) -> Result<Self, D::Error> {
         let mut read = Self::deserialize(from)?;
