@@ -358,3 +358,39 @@ fn a_calibration_of_another_size_gives_a_red_model() {
         assert!(is_named, "{times}: {verdict:#}");
     }
 }
+
+#[test]
+fn a_depth_camera_of_another_focal_length_is_named() {
+    let desk = Desk::new();
+    let recording = concat!(
+        env!("CARGO_MANIFEST_DIR"),
+        "/recordings/bowl_with_fruit.mcap"
+    );
+    desk.done(&["info", recording, "--calibration", "own.toml"]);
+    let own = std::fs::read_to_string(desk.path("own.toml")).unwrap();
+    let own: toml::Table = own.parse().unwrap();
+    for (times, is_wrong) in [(0.94, true), (1.0, false), (1.06, true)] {
+        let mut other = own.clone();
+        for length in other["cameras"]["kinect"]["focal_px"]
+            .as_array_mut()
+            .unwrap()
+        {
+            *length = toml::Value::Float(times * length.as_float().unwrap());
+        }
+        let (file, out) = (format!("{times}.toml"), format!("out-{times}"));
+        std::fs::write(desk.path(&file), other.to_string()).unwrap();
+        #[rustfmt::skip]
+        desk.done(&["replay", recording, "-q", "--calibration", &file, "--out", &out, "--set", "hull.resolution=80"]);
+        let models = desk.path(&out).join("bowl_with_fruit");
+        let model = std::fs::read_dir(models).unwrap().next().unwrap().unwrap();
+        let report = std::fs::read(model.path().join("report.json")).unwrap();
+        let report: Value = serde_json::from_slice(&report).unwrap();
+        let reasons = report["verdict"]["reasons"].as_array().unwrap();
+        let outline = reasons.iter().find(|r| r["code"] == "depth_outline");
+        assert_eq!(outline.is_some(), is_wrong, "{times}: {reasons:#?}");
+        if let Some(outline) = outline {
+            assert_eq!(outline["level"], "amber");
+            assert_eq!(outline["cameras"][0], "kinect");
+        }
+    }
+}

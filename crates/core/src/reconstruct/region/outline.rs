@@ -30,7 +30,7 @@ const AROUND_PX: isize = 3;
 const LEAST_GAP: f32 = 0.02;
 /// Fewest readings of the object, and of what is behind it, by which a place counts.
 const FEWEST_READINGS: usize = 3;
-/// Fewest places that make a median.
+/// Fewest places that make a mean.
 const FEWEST_PLACES: usize = 15;
 
 /// Compares the two outlines; `None` where the table behind the object is not known, or was read in too few places.
