@@ -28,7 +28,7 @@ const REACH_PX: isize = 10;
 const AROUND_PX: isize = 3;
 /// Metres of depth that the table has to lie behind the hull's far side for their readings to be told apart.
 const LEAST_GAP: f32 = 0.02;
-/// Fewest readings of the object, and of what is behind it, by which a place counts.
+/// Fewest readings of what is behind the object by which a place counts.
 const FEWEST_READINGS: usize = 3;
 /// Fewest places that make a mean.
 const FEWEST_PLACES: usize = 15;
@@ -143,34 +143,18 @@ impl Outline<'_> {
     }
 }
 
-/// After how many pixels at least and at most the object ends, given for each whether it was read as the object: where
-/// the fewest readings lie on the wrong side. Where nothing was read, as often beside a border, these are several.
+/// After how many pixels at least and at most the object ends, given from its inside outwards for each whether it was
+/// read as the object: where it is first met from outside, by two readings one after the other, since a single one may
+/// be of a mixed pixel. Farther in, the floor of a vessel may be as deep as the table. Beside a border often nothing is
+/// read.
 fn ends_of_object(is_object: &[Option<bool>]) -> Option<(usize, usize)> {
-    let count = |wanted: bool| {
-        is_object
-            .iter()
-            .filter(|&&read| read == Some(wanted))
-            .count()
-    };
-    if count(true) < FEWEST_READINGS || count(false) < FEWEST_READINGS {
-        return None;
-    }
-    let wrong = |end: usize| {
-        let before = is_object[..end]
-            .iter()
-            .filter(|&&read| read == Some(false))
-            .count();
-        before
-            + is_object[end..]
-                .iter()
-                .filter(|&&read| read == Some(true))
-                .count()
-    };
-    let each: Vec<usize> = (0..=is_object.len()).map(wrong).collect();
-    let least = each.iter().min()?;
-    let first = each.iter().position(|wrong| wrong == least)?;
-    let last = each.iter().rposition(|wrong| wrong == least)?;
-    Some((first, last))
+    let read: Vec<(usize, bool)> = (0..)
+        .zip(is_object)
+        .filter_map(|(i, o)| Some((i, (*o)?)))
+        .collect();
+    let met = read.windows(2).rposition(|two| two[0].1 && two[1].1)? + 1;
+    let outside: Vec<usize> = read[met..].iter().filter(|r| !r.1).map(|r| r.0).collect();
+    (outside.len() >= FEWEST_READINGS).then(|| (read[met].0 + 1, outside[0]))
 }
 
 fn is_finite(depth: &Grid<f32>, x: isize, y: isize) -> bool {
@@ -193,8 +177,11 @@ mod tests {
         };
         assert_eq!(ends_of_object(&read("oooottttt")), Some((4, 4)));
         assert_eq!(ends_of_object(&read("oooo..ttt")), Some((4, 6)));
-        // A single reading of a mixed pixel moves nothing.
+        // A single reading of a mixed pixel is none of the object.
         assert_eq!(ends_of_object(&read("ooootttot")), Some((4, 4)));
+        // The floor of a vessel, far below its rim.
+        assert_eq!(ends_of_object(&read("ttttt.oo.ttt")), Some((8, 9)));
         assert_eq!(ends_of_object(&read("ooooooott")), None);
+        assert_eq!(ends_of_object(&read("tttttotttt")), None);
     }
 }
