@@ -166,14 +166,8 @@ fn check(
         let known = known.unwrap_or_else(|| "none".to_owned());
         anyhow::bail!("there is no capture {missing:?}; the captures here: {known}{because}");
     }
-    if ids.len() > 1 {
+    if !ids.is_empty() {
         return Ok(());
-    }
-    if let Some(only) = ids.first() {
-        let because: String = left_out.iter().map(|l| format!("; {l}")).collect();
-        anyhow::bail!(
-            "there is only capture {only} to use, expected two or more{because}: scand replay makes a model of one"
-        );
     }
     let subject = args.subject.as_deref().unwrap_or_default();
     if left_out.is_empty() {

@@ -85,11 +85,8 @@ impl Models {
     }
 }
 
-/// Makes the model of the captures of these names.
+/// Fuses the captures of these names.
 pub(super) fn first(recorded: &Recorded, ids: &[String]) -> Fused {
-    if let [only] = ids {
-        return recorded.of_one("first-1", only);
-    }
     let named: Vec<&str> = ids.iter().flat_map(|id| ["--capture", id]).collect();
     recorded.fuse(&format!("first-{}", ids.len()), &ids[0], &named)
 }

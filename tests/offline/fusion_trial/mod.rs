@@ -105,21 +105,12 @@ impl Recorded {
 
     /// Fuses what is wanted into the folder `out`, where the object is called `name`.
     fn fuse(&self, out: &str, name: &str, wanted: &[&str]) -> Fused {
-        self.made("fuse", out, &format!("{name}.object"), wanted)
-    }
-
-    /// Makes the model of one capture, with which those of several are compared.
-    fn of_one(&self, out: &str, capture: &str) -> Fused {
-        self.made("replay", out, capture, &["--capture", capture])
-    }
-
-    /// Makes a model with a command, which puts it into this folder below `out`.
-    fn made(&self, command: &str, out: &str, name: &str, wanted: &[&str]) -> Fused {
-        let mut scand = Command::new(assert_cmd::cargo::cargo_bin!("scand"));
-        scand.current_dir(self.folder.path());
-        scand.args([command, "turned.mcap", "--out", out]);
-        let ended = scand.args(wanted).output().unwrap();
-        let object: PathBuf = self.folder.path().join(out).join("turned").join(name);
+        let mut command = Command::new(assert_cmd::cargo::cargo_bin!("scand"));
+        command.current_dir(self.folder.path());
+        command.args(["fuse", "turned.mcap", "--out", out]);
+        let ended = command.args(wanted).output().unwrap();
+        let object: PathBuf = self.folder.path().join(out).join("turned");
+        let object = object.join(format!("{name}.object"));
         let report = std::fs::read(object.join("report.json")).ok();
         let said = [ended.stdout, ended.stderr].concat();
         let model = object.join("model.ply");

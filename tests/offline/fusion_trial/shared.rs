@@ -58,17 +58,12 @@ mod long {
 
         /// Fuses the captures that are wanted into the folder `out`.
         fn run(&self, out: &str, name: &str, wanted: &[&str]) -> Made {
-            self.made("fuse", out, &format!("{name}.object"), wanted)
-        }
-
-        /// Makes a model with a command, which puts it into this folder below `out`.
-        fn made(&self, command: &str, out: &str, name: &str, wanted: &[&str]) -> Made {
             let recording = self.recording.to_str().unwrap();
-            let usual = [command, recording, "--out", out];
+            let usual = ["fuse", recording, "--out", out];
             let fused = self.desk.run(&[&usual[..], wanted].concat());
             let stem = self.recording.file_stem().unwrap();
             let folder = self.desk.path(out).join(stem);
-            let folder = folder.join(name);
+            let folder = folder.join(format!("{name}.object"));
             let report = std::fs::read(folder.join("report.json")).unwrap_or_default();
             let model = folder.join("model.ply");
             let model = model.exists().then(|| load(&model).unwrap().mesh);
@@ -92,12 +87,8 @@ mod long {
             self.run("given", &self.subject, &wanted)
         }
 
-        /// Makes the model of the first captures.
+        /// Fuses the first captures.
         fn of_first(&self, count: usize) -> Made {
-            if count == 1 {
-                let only = &self.captures[0];
-                return self.made("replay", "first-1", only, &["--capture", only]);
-            }
             let first = self.captures.iter().take(count);
             let wanted: Vec<&str> = first.flat_map(|id| ["--capture", id]).collect();
             self.run(&format!("first-{count}"), &self.captures[0], &wanted)
