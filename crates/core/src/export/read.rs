@@ -8,7 +8,6 @@ use crate::image::{RgbImage, rgb_from_file, size_of_file};
 use crate::mesh::Mesh;
 use crate::output::{glb, jpeg_quality};
 use crate::reconstruct::{Model, Provenance, Texture};
-use crate::storage;
 use gltf::Semantic;
 use gltf::accessor::{DataType, Dimensions};
 use gltf::json::validation::Checked;
@@ -59,7 +58,7 @@ pub fn read(path: &Path) -> Result<ReadModel, Error> {
             "the file has {size} bytes; a model has at most {MAX_FILE_BYTES}"
         )));
     }
-    let bytes = storage::read(path, MAX_FILE_BYTES).map_err(io)?;
+    let bytes = std::fs::read(path).map_err(io)?;
     let (file, model, about) = parse(&bytes).map_err(what)?;
     let glb = written_as(&file);
     Ok(ReadModel {
