@@ -30,7 +30,7 @@ test("from when on background pictures are old is told as the daemon is configur
     rig.children.get("daemon").kill("SIGHUP");
   };
   try {
-    reload(before.replace("[verdict.background_age_h]\namber = 36.0", "[verdict.background_age_h]\namber = 48.0\nred = 7.5"));
+    reload(before.replace("[verdict.background_age_h]\namber = 36.0", "[verdict.background_age_h]\namber = 7.5\nred = 48.0"));
     await expect(facts).toContainText("(old from 7.5 h on; new ones");
     await inGerman(page, () => expect(facts).toContainText("(alt ab 7,5 h; neue")); // German
   } finally {
