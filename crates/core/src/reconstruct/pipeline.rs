@@ -231,7 +231,7 @@ pub fn reconstruct_from(
         begin(Stage::Region)?;
     }
     let errors = OutsideErrors::new(&hull, faired_hull, lattice.cell_size);
-    let mut depths = regions_of(scene, seen, &errors, parameters);
+    let mut depths = regions_of(scene, fused_captures, seen, &errors, parameters);
     let regions = depths.iter_mut().map(|d| (&d.enhanced, &mut d.regions));
     fused_captures.leave_each_region_to_one(&mut regions.collect::<Vec<_>>());
 
@@ -404,13 +404,11 @@ impl DepthInputs<'_> {
                 &object,
                 &parameters.region,
             );
-            let outline = region::outline_offset(in_rig, &front, &bias, volume);
             seen.push(DepthOfHull {
                 front,
                 object,
                 enhanced,
                 bias,
-                outline,
             });
         }
         fuse_depths(scene, &mut seen);
@@ -467,21 +465,24 @@ fn held_by_depth(
     Ok((held, seen))
 }
 
-/// Finds the regions in what each depth camera sees of a surface that is expected to be off by `errors`.
+/// Finds the regions in what each depth camera sees of a surface that is expected to be off by `errors`, and how far
+/// the object's outline is from that surface's.
 fn regions_of(
     scene: &Scene,
+    fused_captures: &FusedCaptures,
     seen: Vec<DepthOfHull>,
     errors: &OutsideErrors,
     parameters: &Parameters,
 ) -> Vec<DepthResult> {
-    let find = |(view, seen): (&DepthView, DepthOfHull)| {
+    let find = |(number, (view, seen)): (usize, (&DepthView, DepthOfHull))| {
         let DepthOfHull {
             front,
             object,
             enhanced,
             bias,
-            outline,
         } = seen;
+        let (in_rig, volume) = fused_captures.depth_in_its_rig(scene, number);
+        let outline = region::outline_offset(in_rig, &front, &bias, volume);
         let mut regions = region::find(front, &enhanced, bias, &object, &parameters.region);
         let camera = &view.camera;
         add_free_space(&mut regions, &enhanced, &object, camera, errors, parameters);
@@ -491,7 +492,8 @@ fn regions_of(
             outline,
         }
     };
-    scene.depths.iter().zip(seen).map(find).collect()
+    let each = scene.depths.iter().zip(seen).enumerate();
+    each.map(find).collect()
 }
 
 /// Adds what a depth camera sees through although the hull claims it, if the model is carved in regions: the paper's
@@ -522,7 +524,6 @@ struct DepthOfHull {
     object: Mask,
     enhanced: EnhancedDepth,
     bias: Bias,
-    outline: Option<OutlineOffset>,
 }
 
 /// Gives each depth camera the depth that all of them agree on.
@@ -580,19 +581,11 @@ fn restore(
         .zip(depths)
         .enumerate()
         .map(
-            |(
-                number,
-                (
-                    view,
-                    DepthResult {
-                        enhanced, regions, ..
-                    },
-                ),
-            )| Source {
+            |(number, (view, result)): (usize, (&DepthView, &DepthResult))| Source {
                 number,
                 camera: &view.camera,
-                depth: enhanced,
-                regions,
+                depth: &result.enhanced,
+                regions: &result.regions,
             },
         )
         .collect();

@@ -5,7 +5,6 @@
 use super::bias::{Bias, depth_of_table, mean_depth};
 use super::front::{HullRenderings, stands_on_table};
 use crate::calibration::Volume;
-use crate::image::Grid;
 use crate::reconstruct::DepthView;
 use nalgebra::{Point2, Vector2};
 use rayon::prelude::*;
@@ -80,7 +79,7 @@ struct Outline<'a> {
 
 impl Outline<'_> {
     fn is_hull(&self, x: isize, y: isize) -> bool {
-        is_finite(&self.front.depth, x, y)
+        self.front.depth.get(x, y).is_some_and(|d| d.is_finite())
     }
 
     /// At a pixel on the hull's outline, how many pixels outside of that the object ends, and the length of a pixel
@@ -155,10 +154,6 @@ fn ends_of_object(is_object: &[Option<bool>]) -> Option<(usize, usize)> {
     let met = read.windows(2).rposition(|two| two[0].1 && two[1].1)? + 1;
     let outside: Vec<usize> = read[met..].iter().filter(|r| !r.1).map(|r| r.0).collect();
     (outside.len() >= FEWEST_READINGS).then(|| (read[met].0 + 1, outside[0]))
-}
-
-fn is_finite(depth: &Grid<f32>, x: isize, y: isize) -> bool {
-    depth.get(x, y).is_some_and(|d| d.is_finite())
 }
 
 #[cfg(test)]
