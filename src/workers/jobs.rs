@@ -11,6 +11,7 @@ use crate::process::Cancel;
 use crate::recording::{Notes, Recording, unfinished_name};
 use crate::storage::{self, write_atomically};
 use parking_lot::{Condvar, Mutex};
+use rustix::io::Errno;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
@@ -384,23 +385,15 @@ impl Jobs {
                 self.changed.wait(&mut state);
                 continue;
             }
-            match oldest(&self.folder, &state.running) {
-                Ok(Some(name)) => match self.read(&name) {
-                    Ok(job) => {
-                        state.waiting -= 1;
-                        if let Some(job) = job {
-                            let running = (job.clone(), Instant::now());
-                            state.running.insert(name.clone(), running);
-                            return Some(ClaimedJob { name, job });
-                        }
+            match self.read_oldest(&state.running) {
+                Ok(Some((name, job))) => {
+                    state.waiting -= 1;
+                    if let Some(job) = job {
+                        let running = (job.clone(), Instant::now());
+                        state.running.insert(name.clone(), running);
+                        return Some(ClaimedJob { name, job });
                     }
-                    Err(error) => {
-                        log::error!("{}: {error}", self.folder.join(name).display());
-                        drop(state);
-                        self.pause(Duration::from_secs(5));
-                        state = self.state.lock();
-                    }
-                },
+                }
                 // A person has removed them.
                 Ok(None) => state.waiting = 0,
                 Err(error) => {
@@ -446,10 +439,29 @@ impl Jobs {
         self.folder.join(&taken.name)
     }
 
-    /// Reads a job; a file that is not a job is set aside, which is not an error.
+    /// The name of the oldest job that nobody does, and the job; `None` instead of one that was set aside.
+    fn read_oldest(
+        &self,
+        running: &BTreeMap<String, (Job, Instant)>,
+    ) -> std::io::Result<Option<(String, Option<Job>)>> {
+        let Some(name) = oldest(&self.folder, running)? else {
+            return Ok(None);
+        };
+        let job = self.read(&name)?;
+        Ok(Some((name, job)))
+    }
+
+    /// Reads a job; a file that is not a job is set aside.
+    ///
+    /// # Errors
+    /// If this process can open or read no file at present: the job may be sound.
     fn read(&self, name: &str) -> std::io::Result<Option<Job>> {
         let path = self.folder.join(name);
-        match Job::parse(&std::fs::read(&path)?) {
+        let bytes = match std::fs::read(&path) {
+            Err(error) if lacks_resources(&error) => return Err(error),
+            read => read.map_err(|error| error.to_string()),
+        };
+        match bytes.and_then(|bytes| Job::parse(&bytes)) {
             Ok(job) => Ok(Some(job)),
             Err(problem) => {
                 let end = set_aside(&path);
@@ -533,6 +545,14 @@ fn is_job(path: &Path) -> bool {
     !is_hidden(path) && path.extension().is_some_and(|e| e == ENDING)
 }
 
+/// Whether the process or the system lacks what it takes to open or read any file.
+fn lacks_resources(error: &std::io::Error) -> bool {
+    matches!(
+        Errno::from_io_error(error),
+        Some(Errno::MFILE | Errno::NFILE | Errno::NOMEM)
+    )
+}
+
 /// Whether a file is being written, or none of a job.
 pub(super) fn is_hidden(path: &Path) -> bool {
     let name = path.file_name().unwrap_or_default();
@@ -564,4 +584,26 @@ fn oldest(
         }
     }
     Ok(oldest)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn only_what_hinders_all_files_leaves_a_job_in_the_queue() {
+        let hinders = |errno: Errno| lacks_resources(&errno.into());
+        assert!(
+            [Errno::MFILE, Errno::NFILE, Errno::NOMEM]
+                .map(hinders)
+                .iter()
+                .all(|&h| h)
+        );
+        assert!(
+            ![Errno::IO, Errno::ISDIR, Errno::ACCESS]
+                .map(hinders)
+                .iter()
+                .any(|&h| h)
+        );
+    }
 }
