@@ -193,6 +193,22 @@ mod tests {
     }
 
     #[test]
+    fn after_a_rotation_that_failed_half_way_the_next_press_begins_a_file() {
+        let folder = tempfile::tempdir().unwrap();
+        let (mut journal, _) = Journal::open(folder.path());
+        journal.append("p-1", &accepted(1));
+        // As if the first file had been renamed, and none had been left to open the next one.
+        let path = folder.path().join("presses.jsonl");
+        std::fs::rename(&path, old(&path)).unwrap();
+        journal.bytes = LARGEST_FILE + 1;
+        journal.append("p-2", &accepted(2));
+        journal.append("p-3", &accepted(3));
+        let (_, lines) = Journal::open(folder.path());
+        let ids: Vec<_> = lines.iter().map(|l| &l.press_id[..]).collect();
+        assert_eq!(ids, ["p-1", "p-2", "p-3"]);
+    }
+
+    #[test]
     fn the_lines_of_every_released_version_say_what_they_said() {
         let released = include_str!("../../../tests/golden/format-1/presses.jsonl");
         let read = |line: &str| serde_json::from_str::<Line>(line).unwrap();

@@ -1,5 +1,6 @@
 //! Tests that a packed recording has the same messages, and that one that could not be packed is unchanged.
 
+use super::rewriting::with_ending;
 use super::testing::*;
 use super::*;
 use crate::frame::Timestamp;
@@ -173,6 +174,19 @@ fn a_link_to_a_recording_stays_a_link() {
     assert!(matches!(pack(&link, || true).unwrap(), Packed::Smaller(..)));
     assert!(link.symlink_metadata().unwrap().is_symlink());
     assert!(Recording::open(&path).unwrap().is_packed());
+}
+
+#[test]
+fn packing_is_given_up_while_the_copy_is_checked_too() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = recorded(folder.path());
+    let before = std::fs::read(&path).unwrap();
+    let packed = with_ending(&path, "packing");
+    // Only a finished copy can be opened.
+    let goes_on = || Recording::open(&packed).is_err();
+    assert!(matches!(pack(&path, goes_on).unwrap(), Packed::GivenUp));
+    assert!(!packed.exists());
+    assert_eq!(std::fs::read(&path).unwrap(), before);
 }
 
 #[test]
