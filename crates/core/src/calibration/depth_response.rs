@@ -20,6 +20,9 @@ pub struct DepthResponse {
     pub uncertainty: f64,
 }
 
+/// Metres at which a response without a range is checked.
+const USUAL_RANGE: [f64; 2] = [0.5, 2.0];
+
 impl Default for DepthResponse {
     /// Readings in millimetres with nothing to correct.
     fn default() -> Self {
@@ -37,7 +40,8 @@ impl DepthResponse {
     /// Checks the numbers.
     ///
     /// # Errors
-    /// If a number is not finite, the slope 0 or absurd, the range not ascending, the uncertainty negative.
+    /// If a number is not finite, the slope not that of a sensor, the lateral scale not positive, the range not
+    /// ascending, the uncertainty negative.
     pub fn checked(self) -> Result<Self, Error> {
         let bad = |what, found: String, expected| {
             Err(Error::BadValue {
@@ -46,11 +50,12 @@ impl DepthResponse {
                 expected,
             })
         };
-        if !(1e-9..=1e3).contains(&self.slope.abs()) {
+        // The readings have 16 bits: beyond these no reading, or every one, is a place in a room.
+        if !(1e-6..=0.1).contains(&self.slope.abs()) {
             return bad(
                 "depth response slope",
                 self.slope.to_string(),
-                "1e-9 to 1000 m a unit",
+                "1e-6 to 0.1 m a unit, or less than 0 by as much (0.001 for millimetres)",
             );
         }
         if !(self.intercept.is_finite() && self.intercept.abs() <= 1e3) {
@@ -74,6 +79,19 @@ impl DepthResponse {
                 "depth response range",
                 format!("{min} to {max} m"),
                 "0 <= min < max",
+            );
+        }
+        let [near, far] = self.range.unwrap_or(USUAL_RANGE);
+        let distances = (0..=8).map(|k| near + f64::from(k) / 8.0 * (far - near));
+        if let Some(z) = distances.into_iter().find(|&z| self.scale_at(z) <= 0.0) {
+            return bad(
+                "depth response scale",
+                format!(
+                    "{:?}, which is {:.3} at {z:.2} m",
+                    self.scale,
+                    self.scale_at(z)
+                ),
+                "a positive scale over the range",
             );
         }
         if !(0.0..=10.0).contains(&self.uncertainty) {
@@ -159,7 +177,24 @@ mod tests {
     fn bad_numbers_are_refused() {
         let good = DepthResponse::default();
         assert!(good.checked().is_ok());
-        assert!(DepthResponse { slope: 0.0, ..good }.checked().is_err());
+        for slope in [0.0, 1.0, -1.0, f64::NAN] {
+            let words = DepthResponse { slope, ..good }
+                .checked()
+                .unwrap_err()
+                .to_string();
+            assert!(
+                words.contains("slope") && words.contains("0.001 for millimetres"),
+                "{words}"
+            );
+        }
+        for scale in [[-1.0, 0.0], [1.0, -0.8]] {
+            let scale = [scale[0], scale[1], 0.0, 0.0, 0.0];
+            let words = DepthResponse { scale, ..good }
+                .checked()
+                .unwrap_err()
+                .to_string();
+            assert!(words.contains("positive scale"), "{words}");
+        }
         assert!(
             DepthResponse {
                 slope: f64::NAN,

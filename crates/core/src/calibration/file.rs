@@ -164,6 +164,18 @@ impl RigCalibration {
         if contents.format != 1 {
             return Err(parse(format!("format is {}, expected 1", contents.format)));
         }
+        let at_object_mm = contents.at_object_mm;
+        if let Some(found) = at_object_mm.filter(|mm| !(0.0..=1e6).contains(mm)) {
+            let expected = "0 to 1000000 mm";
+            return Err(parse(format!(
+                "at_object_mm is {found}, expected {expected}"
+            )));
+        }
+        if contents.cameras.is_empty() {
+            return Err(parse(
+                "cameras is empty, expected a section [cameras.ID] for each camera".into(),
+            ));
+        }
         let camera = |(name, entry): (String, CameraEntry)| {
             let camera = entry
                 .camera(&name)
@@ -177,7 +189,7 @@ impl RigCalibration {
             .map(|v| Volume::new(v.min.into(), v.max.into()).map_err(|e| parse(e.to_string())));
         let reasons = contents.reasons;
         Ok(Self {
-            at_object_mm: contents.at_object_mm,
+            at_object_mm,
             volume: volume.transpose()?,
             verdict: contents
                 .verdict
@@ -264,7 +276,8 @@ impl CameraEntry {
     ) -> Result<(Camera, Option<DepthResponse>), Box<dyn std::error::Error>> {
         let distortion = Distortion::from_model(&self.distortion_model, &self.distortion)?;
         let (focal, center) = (Vector2::from(self.focal_px), Vector2::from(self.center_px));
-        let lens = Intrinsics::new(self.size[0], self.size[1], focal, center, distortion)?;
+        let lens =
+            Intrinsics::new(self.size[0], self.size[1], focal, center, distortion)?.checked()?;
         let pose = Camera::pose(self.translation, self.rotation)?;
         let response = self.response.map(ResponseEntry::response).transpose()?;
         Ok((Camera::new(CameraId::new(name)?, lens, pose), response))
@@ -361,6 +374,26 @@ mod tests {
             ("format = 1", "format = 2", "format is 2"),
             ("format = 1", "format = 1\nverdict = \"fine\"", "fine"),
             ("size", "sise", "sise"),
+            (
+                "format = 1",
+                "format = 1\nat_object_mm = nan",
+                "at_object_mm is NaN",
+            ),
+            (
+                "format = 1",
+                "format = 1\nat_object_mm = inf",
+                "at_object_mm is inf",
+            ),
+            (
+                "format = 1",
+                "format = 1\nat_object_mm = -0.1",
+                "at_object_mm is -0.1",
+            ),
+            (
+                &ONE[ONE.find("[cameras").unwrap()..],
+                "[cameras]\n",
+                "cameras is empty",
+            ),
             ("plumb_bob", "fisheye", "fisheye"),
             ("0.0, 1.0]", "0.0, 2.0]", "rotation"),
         ] {

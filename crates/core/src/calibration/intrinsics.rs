@@ -108,6 +108,10 @@ impl Distortion {
     }
 }
 
+/// How many times nearer to the principal point, or farther from it, a distortion may move what the middle half of a
+/// picture shows: a fisheye lens of 180 degrees moves it less than two times.
+const LARGEST_STRETCH: f64 = 4.0;
+
 /// A camera's lens and sensor.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Intrinsics {
@@ -172,6 +176,47 @@ impl Intrinsics {
             distortion,
             largest_radius_squared,
         })
+    }
+
+    /// Checks that the lens shows something in the middle of its picture: that each pixel of the middle half has a
+    /// direction, of which it is the picture, and that the distortion leaves distances from the principal point within
+    /// a factor of [`LARGEST_STRETCH`]. Farther out even good models fold.
+    ///
+    /// # Errors
+    /// If it does not.
+    pub fn checked(self) -> Result<Self, Error> {
+        let size = Vector2::new(self.width as f64, self.height as f64);
+        let shares = (2..=6).flat_map(|x| (2..=6).map(move |y| Vector2::new(x, y)));
+        let pixels =
+            shares.map(|share| Point2::from(share.map(f64::from).component_mul(&size) / 8.0));
+        for pixel in pixels {
+            if !self.is_one_to_one_at(pixel) {
+                return Err(Error::BadValue {
+                    what: "distortion D",
+                    found: format!(
+                        "{:?} of a focal length of {:.1} px, with which pixel ({}, {}) of {} x {} has no direction or one far off",
+                        self.distortion.to_model().1,
+                        self.focal_px.x,
+                        pixel.x,
+                        pixel.y,
+                        self.width,
+                        self.height
+                    ),
+                    expected: "a lens that is one to one over the middle half of the picture",
+                });
+            }
+        }
+        Ok(self)
+    }
+
+    fn is_one_to_one_at(&self, pixel: Point2<f64>) -> bool {
+        let Some(direction) = self.unproject(pixel) else {
+            return false;
+        };
+        let distorted = self.distortion.distort(direction).norm();
+        let stretch = distorted.max(1e-6) / direction.norm().max(1e-6);
+        direction.norm_squared() <= self.largest_radius_squared
+            && (LARGEST_STRETCH.recip()..=LARGEST_STRETCH).contains(&stretch)
     }
 
     /// Pixel of a point in the camera's frame; `None` behind the camera or where the lens model folds over.
@@ -270,6 +315,25 @@ mod tests {
         // r (1 - 0.3 r²) grows up to r = 1.054.
         assert!(lens(folding).project(1.0, 0.0, 1.0).is_some());
         assert!(lens(folding).project(1.2, 0.0, 1.0).is_none());
+    }
+
+    #[test]
+    fn a_lens_that_is_not_one_to_one_over_the_middle_of_its_picture_is_refused() {
+        let of_k1 = |k1: f64| {
+            let distortion = Distortion {
+                radial: [k1, 0.0, 0.0, 0.0, 0.0, 0.0],
+                tangential: [0.0; 2],
+            };
+            lens(distortion).checked()
+        };
+        for sound in [0.0, 0.3, -0.3, -1.0] {
+            assert!(of_k1(sound).is_ok(), "{sound}");
+        }
+        // Folds at 0.22 of the focal length, 105 of the 200 pixels of the middle half's corner.
+        for bad in [-6.0, -50.0, 1e6] {
+            let words = of_k1(bad).unwrap_err().to_string();
+            assert!(words.contains("one to one over the middle half"), "{words}");
+        }
     }
 
     #[test]

@@ -57,13 +57,14 @@ pub(super) fn read_intrinsics(data: Bytes) -> Result<Intrinsics, MessageError> {
     let k = checked_k(&message.k)?;
     check_r(&message.r)?;
     let distortion = Distortion::from_model(&message.distortion_model, &message.d)?;
-    Ok(Intrinsics::new(
+    let lens = Intrinsics::new(
         message.width as usize,
         message.height as usize,
         Vector2::new(k[0], k[4]),
         Vector2::new(k[2], k[5]),
         distortion,
-    )?)
+    )?;
+    Ok(lens.checked()?)
 }
 
 /// K without skew, and with nothing in its bottom row but the 1.
