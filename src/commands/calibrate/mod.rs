@@ -13,7 +13,7 @@ mod summary;
 use super::{BadConfiguration, check_folder_of, refuse_to_replace, wrong_usage};
 use crate::calibrate::{self, CheckOptions, Detections, Options, Outcome};
 use crate::calibration::fit::LensModel;
-use crate::calibration::{Board, DepthResponse, RigCalibration};
+use crate::calibration::{Board, CalibrationLevel, DepthResponse, RigCalibration};
 use crate::capture::Placements;
 use crate::config::Config;
 use crate::frame::CameraId;
@@ -274,9 +274,26 @@ impl Lenses {
             Some(fixed) => Some(fixed),
             None => args.against.as_ref().map(load).transpose()?,
         };
+        if let (true, Some(path), Some(known)) = (args.check, &args.against, &known) {
+            refuse_refused(path, known, args.force)?;
+        }
         let start = args.start.as_ref().map(import).transpose()?;
         Ok(Self { known, start })
     }
+}
+
+/// Refuses to compare a rig with a calibration that was refused: what disagrees need not be the rig.
+fn refuse_refused(path: &Path, known: &RigCalibration, is_forced: bool) -> anyhow::Result<()> {
+    let level = known.verdict.as_ref().map(|verdict| verdict.level);
+    if level != Some(CalibrationLevel::Refused) || is_forced {
+        return Ok(());
+    }
+    let words = format!(
+        "calibration {}: verdict is \"refused\", expected \"good\", \"accepted\" or \"doubtful\": calibrate the rig again; \
+         --force checks it all the same",
+        path.display()
+    );
+    Err(BadConfiguration(words.into()).into())
 }
 
 /// A calibration file that is refused is a bad configuration.
