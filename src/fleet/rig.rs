@@ -12,13 +12,14 @@ use crate::workers::Parameters;
 use crate::workers::handover::{self, Answer, OfferedJob};
 use bytes::Bytes;
 use futures_util::StreamExt;
+use futures_util::future::select;
 use parking_lot::Mutex;
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::BTreeMap;
 use std::future::Future;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
-use tokio::task::JoinSet;
+use tokio::task::{AbortHandle, Id, JoinError, JoinHandle, JoinSet};
 
 /// How often the folder of jobs is looked at.
 const POLL_INTERVAL: Duration = Duration::from_millis(500);
@@ -45,7 +46,7 @@ pub struct RigPlan {
 /// Offers a rig's jobs to the fleet until `stop` is ready.
 ///
 /// # Errors
-/// If a folder cannot be used.
+/// If a folder cannot be used, or a task of the connection ends by itself, which is a defect of scand.
 pub async fn serve_rig(
     fleet: FleetClient,
     plan: RigPlan,
@@ -70,38 +71,43 @@ pub async fn serve_rig(
     let mut rig = Live {
         offers: offers.clone(),
         plan,
-        running: BTreeSet::new(),
+        running: BTreeMap::new(),
         jobs: JoinSet::new(),
     };
-    tokio::pin!(stop);
-    loop {
+    let to_abort = [listening.abort_handle(), retries.abort_handle()];
+    let defect = select(Box::pin(defect_of(listening)), Box::pin(defect_of(retries)));
+    tokio::pin!(stop, defect);
+    let ended = loop {
         rig.look();
         tokio::select! {
-            () = &mut stop => break,
+            () = &mut stop => break Ok(()),
             () = tokio::time::sleep(POLL_INTERVAL) => {}
-            Some(ended) = rig.jobs.join_next() => {
-                if let Ok(file) = ended {
-                    rig.running.remove(&file);
-                }
-            }
+            Some(ended) = rig.jobs.join_next_with_id() => rig.end(ended),
+            defect = &mut defect => break Err(std::io::Error::other(defect.factor_first().0)),
         }
-    }
-    listening.abort();
-    retries.abort();
+    };
+    to_abort.iter().for_each(AbortHandle::abort);
     offers.stop();
     let all = async { while rig.jobs.join_next().await.is_some() {} };
     let _ = tokio::time::timeout(Duration::from_secs(10), all).await;
     offers.flush().await;
-    Ok(())
+    ended
+}
+
+/// Ready once a task broke off; a task that has nothing left to do is none.
+async fn defect_of(task: JoinHandle<()>) -> JoinError {
+    match task.await {
+        Err(error) if error.is_panic() => error,
+        _ => std::future::pending().await,
+    }
 }
 
 struct Live {
     offers: Arc<Dispatcher>,
     plan: RigPlan,
-    /// Files of jobs that are on their way.
-    running: BTreeSet<PathBuf>,
-    /// Each ends with the file of its job.
-    jobs: JoinSet<PathBuf>,
+    /// Files of jobs that are on their way, each with its task.
+    running: BTreeMap<Id, PathBuf>,
+    jobs: JoinSet<()>,
 }
 
 impl Live {
@@ -116,13 +122,28 @@ impl Live {
             if self.running.len() >= MAX_IN_FLIGHT {
                 return;
             }
-            if self.running.insert(handed.file.clone()) {
+            if self.running.values().all(|file| *file != handed.file) {
                 let (offers, plan) = (self.offers.clone(), self.plan.clone());
-                self.jobs.spawn(async move {
-                    run_job(&offers, &plan, &handed).await;
-                    handed.file
-                });
+                let file = handed.file.clone();
+                let task = self
+                    .jobs
+                    .spawn(async move { run_job(&offers, &plan, &handed).await });
+                self.running.insert(task.id(), file);
             }
+        }
+    }
+
+    /// A job whose task broke off is the rig's again.
+    fn end(&mut self, ended: Result<(Id, ()), JoinError>) {
+        let id = ended.as_ref().map_or_else(JoinError::id, |&(id, ())| id);
+        let file = self.running.remove(&id);
+        if let (Err(error), Some(file)) = (ended, file) {
+            log::error!(
+                "{}: a defect of scand ended this job of the fleet: {error}",
+                file.display()
+            );
+            let reason = "a defect of scand, which its log names".into();
+            say(&file, &Answer::MakeLocally { reason });
         }
     }
 }

@@ -63,12 +63,15 @@ pub enum WorkerError {
          the worker again"
     )]
     Distrusted(String),
+    /// A task of the worker's ended although nothing asked it to.
+    #[error("a defect of scand ended a task of the worker: {0}; start the worker again")]
+    Defect(tokio::task::JoinError),
 }
 
 /// Does jobs until `stop` is ready. What is being done then goes back to the server.
 ///
 /// # Errors
-/// If its folder cannot be used, or a rig wants it to stop.
+/// If its folder cannot be used, a rig wants it to stop, or one of its tasks ends by itself, which is a defect.
 pub async fn work(
     fleet: FleetClient,
     plan: WorkerPlan,
@@ -102,13 +105,15 @@ pub async fn work(
         let worker = worker.clone();
         slots.spawn(async move { worker.run(number).await });
     }
-    let living = tokio::spawn({
+    let mut living = tokio::spawn({
         let worker = worker.clone();
         async move { worker.live().await }
     });
     let ended = tokio::select! {
         () = stop => Ok(()),
         reason = worker.stop_requested() => Err(WorkerError::Distrusted(reason)),
+        Some(Err(error)) = slots.join_next() => Err(WorkerError::Defect(error)),
+        Err(error) = &mut living => Err(WorkerError::Defect(error)),
     };
     let _ = stopping.send(true);
     cancel.cancel();
