@@ -89,8 +89,13 @@ fn said(comment: &str) -> Option<[f64; 3]> {
 
 /// Whether a section takes a value.
 fn is_read(section: &str, key: &str, value: f64) -> bool {
-    let setting = format!("{section}.{key}={value}");
-    Config::load(None, &[setting]).is_ok_and(|config| config.calibration.checked().is_ok())
+    // Two have to agree with each other: both are extreme at once.
+    let other = match key {
+        "depth_frames" => "sync.min_depth_frames=0",
+        _ => "sync.depth_frames=1000",
+    };
+    let settings = [other.to_owned(), format!("{section}.{key}={value}")];
+    Config::load(None, &settings).is_ok_and(|config| config.calibration.checked().is_ok())
 }
 
 /// Holds a comment's default and range against the value that is shipped and against what is read.

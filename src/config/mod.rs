@@ -92,6 +92,9 @@ pub enum Error {
         /// Line, field and what was expected.
         message: String,
     },
+    /// Two values contradict each other.
+    #[error("configuration: {0}")]
+    Contradiction(String),
     /// A value set on the command line is not what it should be.
     #[error("--set {setting}: {message}")]
     Setting {
@@ -105,7 +108,8 @@ impl Config {
     /// Reads `file`, if there is one, and sets `settings` (`section.key=value`) over it.
     ///
     /// # Errors
-    /// If the file cannot be read, or it or a setting has an unknown key or a value of the wrong kind.
+    /// If the file cannot be read, it or a setting has an unknown key or a value of the wrong kind, or values
+    /// contradict each other.
     pub fn load(file: Option<&Path>, settings: &[String]) -> Result<Self, Error> {
         let mut config = Self::default();
         let defaults = Table::try_from(Self::with_every_length()).map_err(|e| setting("", e))?;
@@ -122,6 +126,7 @@ impl Config {
             config = of_table(&table)
                 .map_err(|e| setting(text, in_sections(text, &e, &defaults).unwrap_or(e)))?;
         }
+        config.sync.checked().map_err(Error::Contradiction)?;
         Ok(config)
     }
 

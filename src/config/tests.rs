@@ -10,6 +10,15 @@ fn settings(all: &[&str]) -> Result<Config, Error> {
 }
 
 #[test]
+fn values_that_contradict_each_other_are_refused_by_both_names() {
+    let message = settings(&["sync.depth_frames=5"]).unwrap_err().to_string();
+    let words = "sync.min_depth_frames is 10, expected at most sync.depth_frames, which is 5";
+    assert!(message.contains(words), "{message}");
+    // Only what is set in the end has to agree.
+    assert!(settings(&["sync.depth_frames=5", "sync.min_depth_frames=3"]).is_ok());
+}
+
+#[test]
 fn single_values_are_set_over_the_defaults() {
     let config = settings(&[
         "hull.resolution=160",

@@ -56,6 +56,21 @@ impl Default for Parameters {
 }
 
 impl Parameters {
+    /// Checks that the parameters agree with each other.
+    ///
+    /// # Errors
+    /// If no capture of a depth camera could be complete, with the names of both fields.
+    pub fn checked(&self) -> Result<(), String> {
+        let (most, fewest) = (self.depth_frames, self.min_depth_frames);
+        if fewest > most {
+            return Err(format!(
+                "sync.min_depth_frames is {fewest}, expected at most sync.depth_frames, which is {most}: no capture would be \
+                complete"
+            ));
+        }
+        Ok(())
+    }
+
     fn tolerance_ns(&self) -> u64 {
         nanoseconds(self.tolerance_ms)
     }
