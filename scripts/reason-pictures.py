@@ -6,6 +6,7 @@ installed, such as with make interop's Python: target/interop/environment/bin/py
 [CODE...]]"""
 
 import json
+import re
 import struct
 import subprocess
 import sys
@@ -195,7 +196,25 @@ def short(home):
     return ["--calibration", "short.toml"]
 
 
-FAULTS = {"cut": cut, "misspelt": misspelt, "foreign": foreign, "exchanged": exchanged, "short": short}
+def focal(home, cameras):
+    """The recording's calibration with focal lengths of such cameras that are 6 % too large."""
+    scand(home, "info", "a.mcap", "--calibration", "a.toml")
+    longer = lambda found: found[1] + ", ".join(str(1.06 * float(length)) for length in found[2].split(","))
+    text, count = re.subn(rf"(\[cameras\.{cameras}\]\nsize = .*\nfocal_px = \[)([^]]*)", longer, (home / "a.toml").read_text())
+    assert count, text
+    (home / "wrong.toml").write_text(text)
+    return ["--calibration", "wrong.toml"]
+
+
+FAULTS = {
+    "cut": cut,
+    "misspelt": misspelt,
+    "foreign": foreign,
+    "exchanged": exchanged,
+    "short": short,
+    "focal of depth": lambda home: focal(home, "kinect"),
+    "focal of colour": lambda home: focal(home, r"c\d\d"),
+}
 
 
 def reconstruct(home, asked):
@@ -262,6 +281,8 @@ CASES = [
     # Nearly all of this plate is restored; only the rim of a larger one would be so small a share.
     ("region_large", "depth", ["--shape", "plate"], ["--set", "verdict.region_share.amber=0.9"]),
     ("depth_biased", "depth", ["--shape", "bowl", "--depth-bias-mm", "30"], []),
+    ("depth_outline", "depth", ["--shape", "bowl"], "focal of depth"),
+    ("depth_elsewhere", "depth", ["--shape", "egg"], "focal of colour"),
     ("holes_bridged", "above", ["--shape", "cup"], []),
     ("carving_undone", "depth", ["--shape", "bowl", "--misregistration-px", "16"], []),
     # Simulated captures have fewer stray pieces than the limit.

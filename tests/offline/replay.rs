@@ -359,6 +359,50 @@ fn a_calibration_of_another_size_gives_a_red_model() {
     }
 }
 
+/// Makes a model of a recording with focal lengths of some cameras that are `times` as long, and returns the reasons of
+/// its verdict.
+fn reasons_with_focal(
+    desk: &Desk,
+    recording: &str,
+    times: f64,
+    is_wrong: fn(&str) -> bool,
+) -> Vec<Value> {
+    let (file, out) = (format!("{times}.toml"), format!("out-{times}"));
+    desk.done(&["info", recording, "--calibration", &file]);
+    let mut calibration: toml::Table = std::fs::read_to_string(desk.path(&file))
+        .unwrap()
+        .parse()
+        .unwrap();
+    let cameras = calibration["cameras"].as_table_mut().unwrap();
+    for (_, camera) in cameras.iter_mut().filter(|(name, _)| is_wrong(name)) {
+        for length in camera["focal_px"].as_array_mut().unwrap() {
+            *length = toml::Value::Float(times * length.as_float().unwrap());
+        }
+    }
+    std::fs::write(desk.path(&file), calibration.to_string()).unwrap();
+    #[rustfmt::skip]
+    desk.done(&["replay", recording, "-q", "--calibration", &file, "--out", &out, "--set", "hull.resolution=80"]);
+    let name = Path::new(recording).file_stem().unwrap();
+    let model = std::fs::read_dir(desk.path(&out).join(name))
+        .unwrap()
+        .next()
+        .unwrap()
+        .unwrap();
+    let report = std::fs::read(model.path().join("report.json")).unwrap();
+    let report: Value = serde_json::from_slice(&report).unwrap();
+    report["verdict"]["reasons"].as_array().unwrap().clone()
+}
+
+/// Holds that a reason is there, and amber, exactly if it has to be.
+fn hold_amber(reasons: &[Value], code: &str, is_expected: bool) {
+    let found = reasons.iter().find(|reason| reason["code"] == code);
+    assert_eq!(found.is_some(), is_expected, "{code}: {reasons:#?}");
+    if let Some(found) = found {
+        assert_eq!(found["level"], "amber");
+        assert_eq!(found["cameras"][0], "kinect");
+    }
+}
+
 #[test]
 fn a_depth_camera_of_another_focal_length_is_named() {
     let desk = Desk::new();
@@ -366,31 +410,21 @@ fn a_depth_camera_of_another_focal_length_is_named() {
         env!("CARGO_MANIFEST_DIR"),
         "/recordings/bowl_with_fruit.mcap"
     );
-    desk.done(&["info", recording, "--calibration", "own.toml"]);
-    let own = std::fs::read_to_string(desk.path("own.toml")).unwrap();
-    let own: toml::Table = own.parse().unwrap();
     for (times, is_wrong) in [(0.94, true), (1.0, false), (1.06, true)] {
-        let mut other = own.clone();
-        for length in other["cameras"]["kinect"]["focal_px"]
-            .as_array_mut()
-            .unwrap()
-        {
-            *length = toml::Value::Float(times * length.as_float().unwrap());
-        }
-        let (file, out) = (format!("{times}.toml"), format!("out-{times}"));
-        std::fs::write(desk.path(&file), other.to_string()).unwrap();
-        #[rustfmt::skip]
-        desk.done(&["replay", recording, "-q", "--calibration", &file, "--out", &out, "--set", "hull.resolution=80"]);
-        let models = desk.path(&out).join("bowl_with_fruit");
-        let model = std::fs::read_dir(models).unwrap().next().unwrap().unwrap();
-        let report = std::fs::read(model.path().join("report.json")).unwrap();
-        let report: Value = serde_json::from_slice(&report).unwrap();
-        let reasons = report["verdict"]["reasons"].as_array().unwrap();
-        let outline = reasons.iter().find(|r| r["code"] == "depth_outline");
-        assert_eq!(outline.is_some(), is_wrong, "{times}: {reasons:#?}");
-        if let Some(outline) = outline {
-            assert_eq!(outline["level"], "amber");
-            assert_eq!(outline["cameras"][0], "kinect");
-        }
+        let reasons = reasons_with_focal(&desk, recording, times, |name| name == "kinect");
+        hold_amber(&reasons, "depth_outline", is_wrong);
+    }
+}
+
+#[test]
+fn colour_cameras_of_other_focal_lengths_are_told_by_where_depth_has_the_surface() {
+    let desk = Desk::new();
+    let path = desk.path("egg.mcap");
+    let recording = path.to_str().unwrap();
+    #[rustfmt::skip]
+    desk.done(&["simulate", "--shape", "egg", "--size", "640x480", "--seed", "4", "--out", recording]);
+    for (times, is_wrong) in [(0.92, true), (1.0, false), (1.05, true)] {
+        let reasons = reasons_with_focal(&desk, recording, times, |name| name != "kinect");
+        hold_amber(&reasons, "depth_elsewhere", is_wrong);
     }
 }

@@ -180,7 +180,7 @@ impl Intrinsics {
 
     /// Checks that the lens shows something in the middle of its picture: that each pixel of the middle half has a
     /// direction, of which it is the picture, and that the distortion leaves distances from the principal point within
-    /// a factor of [`LARGEST_STRETCH`]. Farther out even good models fold.
+    /// a factor of four. Farther out even good models fold.
     ///
     /// # Errors
     /// If it does not.

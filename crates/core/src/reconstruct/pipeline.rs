@@ -4,7 +4,7 @@ use super::depth::{self, EnhancedDepth};
 use super::faired_surface::{FairedSurface, FairingResult, PlainHull};
 use super::fairing;
 use super::hull::{self, Cone, Hull};
-use super::region::{self, Bias, HullRenderings, OutlineOffset, Regions};
+use super::region::{self, BesideRegions, Bias, HullRenderings, OutlineOffset, Regions};
 use super::restore::{self, EvenWalls, Restored, Source, Template};
 use super::silhouette::{self, Silhouette};
 use super::surface::Solid;
@@ -136,6 +136,8 @@ pub struct DepthResult {
     pub regions: Regions,
     /// How far the object's outline is from the hull's; `None` where that cannot be told.
     pub outline: Option<OutlineOffset>,
+    /// How far its readings are from the hull where the model stays the hull; `None` where that cannot be told.
+    pub beside_regions: Option<BesideRegions>,
 }
 
 /// Pixels around the hull's image in which depth is enhanced: the filter's kernel wants them.
@@ -465,8 +467,8 @@ fn held_by_depth(
     Ok((held, seen))
 }
 
-/// Finds the regions in what each depth camera sees of a surface that is expected to be off by `errors`, and how far
-/// the object's outline is from that surface's.
+/// Finds the regions in what each depth camera sees of a surface that is expected to be off by `errors`, how far the
+/// object's outline is from that surface's, and how far its readings are from it outside of the regions.
 fn regions_of(
     scene: &Scene,
     fused_captures: &FusedCaptures,
@@ -486,10 +488,12 @@ fn regions_of(
         let mut regions = region::find(front, &enhanced, bias, &object, &parameters.region);
         let camera = &view.camera;
         add_free_space(&mut regions, &enhanced, &object, camera, errors, parameters);
+        let beside_regions = region::beside_regions(in_rig, &enhanced, &regions, volume, &object);
         DepthResult {
             enhanced,
             regions,
             outline,
+            beside_regions,
         }
     };
     let each = scene.depths.iter().zip(seen).enumerate();

@@ -39,6 +39,13 @@ const LEAST_PIXELS: usize = 200;
 
 /// Side in pixels of the places in which the table's bias is compared.
 const TILE: usize = 64;
+/// Least side of smaller ones.
+const LEAST_SIDE: usize = 12;
+
+/// Widths of the volume, from its middle, within which the table's bias is the object's, …
+const AROUND: f64 = 1.5;
+/// … and within which it varies as it does there, with more places to tell by how much.
+const FAR_AROUND: f64 = 4.0;
 
 /// Metres within which a reading can be the table.
 const TABLE_BAND: f64 = 0.03;
@@ -96,7 +103,7 @@ fn from_table(view: &DepthView, volume: &Volume, object: &Mask) -> Option<(f64, 
 /// covers the whole table; farther away than it may be what lies below a turntable.
 fn nearer_plane(view: &DepthView, volume: &Volume, object: &Mask) -> Option<f64> {
     let mut offsets: Vec<f32> = Vec::new();
-    for_each_around(view, volume, object, |_, _, offset| {
+    for_each_around(view, volume, object, AROUND, |_, _, offset| {
         if offset.abs() < NEARER_PLANE {
             offsets.push(offset as f32);
         }
@@ -114,6 +121,7 @@ fn for_each_around(
     view: &DepthView,
     volume: &Volume,
     object: &Mask,
+    reach: f64,
     mut call: impl FnMut(usize, usize, f64),
 ) {
     for y in (0..object.height()).step_by(3) {
@@ -124,7 +132,7 @@ fn for_each_around(
             let pixel = Point2::new(x as f64, y as f64);
             if let Some(table) = depth_of_table(&view.camera, pixel)
                 && let Some(depth) = mean_depth(view, x, y)
-                && is_around(&view.camera, pixel, table, volume)
+                && is_around(&view.camera, pixel, table, volume, reach)
             {
                 call(x, y, depth - table);
             }
@@ -139,28 +147,67 @@ fn plane_around(
     object: &Mask,
     offset: f64,
 ) -> Option<(f64, f64)> {
-    let columns = object.width().div_ceil(TILE);
-    let mut tiles = vec![Vec::new(); columns * object.height().div_ceil(TILE)];
-    for_each_around(view, volume, object, |x, y, behind| {
-        if (behind - offset).abs() < TABLE_BAND {
-            tiles[y / TILE * columns + x / TILE].push(behind as f32);
-        }
-    });
-    let places: Vec<f32> = tiles
-        .iter_mut()
-        .filter(|t| t.len() >= LEAST_PIXELS / 4)
-        .filter_map(|t| lower_median(t))
-        .collect();
+    let tiles = tiles_around(view, volume, object, AROUND, offset, TILE);
+    let places = medians_of(&tiles, LEAST_PIXELS / 4);
     let (center, error) = robust_center(tiles.concat())?;
     Some((center, error.max(spread_of(places))))
 }
 
-/// Whether a point of the table lies within twice the volume's width of it, where its bias is the object's.
-fn is_around(camera: &DepthCamera, pixel: Point2<f64>, depth: f64, volume: &Volume) -> bool {
-    let reach = volume.max - volume.min;
+/// Standard deviation of the bias between places of the table around the object, squares of `side` pixels: a sensor's
+/// fixed pattern is even over some 25 pixels, so that small places differ more than large ones. 0 where there are no
+/// two.
+pub(super) fn spread_between_places(
+    view: &DepthView,
+    volume: &Volume,
+    object: &Mask,
+    bias: &Bias,
+    side: usize,
+) -> f64 {
+    let side = side.clamp(LEAST_SIDE, TILE);
+    let tiles = tiles_around(view, volume, object, FAR_AROUND, bias.found, side);
+    // Each third pixel of each third row is looked at.
+    spread_of(medians_of(&tiles, side * side / 18))
+}
+
+/// How far the readings within [`TABLE_BAND`] of `offset` are behind the table, in squares of `side` pixels.
+fn tiles_around(
+    view: &DepthView,
+    volume: &Volume,
+    object: &Mask,
+    reach: f64,
+    offset: f64,
+    side: usize,
+) -> Vec<Vec<f32>> {
+    let columns = object.width().div_ceil(side);
+    let mut tiles = vec![Vec::new(); columns * object.height().div_ceil(side)];
+    for_each_around(view, volume, object, reach, |x, y, behind| {
+        if (behind - offset).abs() < TABLE_BAND {
+            tiles[y / side * columns + x / side].push(behind as f32);
+        }
+    });
+    tiles
+}
+
+/// The medians of the tiles that have at least so many readings.
+fn medians_of(tiles: &[Vec<f32>], fewest: usize) -> Vec<f32> {
+    let enough = tiles.iter().filter(|tile| tile.len() >= fewest);
+    enough
+        .filter_map(|tile| lower_median(&mut tile.clone()))
+        .collect()
+}
+
+/// Whether a point of the table lies within `reach` widths of the volume's middle.
+fn is_around(
+    camera: &DepthCamera,
+    pixel: Point2<f64>,
+    depth: f64,
+    volume: &Volume,
+    reach: f64,
+) -> bool {
+    let width = volume.max - volume.min;
     camera.point(pixel, depth).is_some_and(|p| {
         let center = nalgebra::center(&volume.min, &volume.max);
-        (0..2).all(|axis| (p[axis] - center[axis]).abs() < 1.5 * reach[axis])
+        (0..2).all(|axis| (p[axis] - center[axis]).abs() < reach * width[axis])
     })
 }
 

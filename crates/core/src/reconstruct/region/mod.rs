@@ -9,8 +9,10 @@
 //! - `segment` is the paper's segmentation (equation 5) of the difference;
 //! - `free_space` adds what a depth camera sees through although the hull claims it;
 //! - `in_front` tells where a depth camera reads the object in front of a hull that was faired;
+//! - `beside` compares depth and hull where the model stays the hull;
 //! - `outline` compares the object's outline in the depth with the hull's.
 
+mod beside;
 mod bias;
 mod free_space;
 mod front;
@@ -20,6 +22,7 @@ mod outline;
 mod segment;
 mod support;
 
+pub use beside::{BesideRegions, beside_regions};
 pub use bias::{Bias, BiasSource, stated_bias};
 pub use free_space::{DepthPixel, Doubt, add_free_space};
 pub use front::{HullRenderings, front_vertices};
@@ -126,6 +129,14 @@ impl Regions {
     /// Whether a pixel belongs to a region.
     pub fn contains(&self, x: usize, y: usize) -> bool {
         self.labels[(x, y)] != 0
+    }
+
+    /// Whether a pixel within two of this one, or this one, belongs to a region.
+    pub fn is_near(&self, x: usize, y: usize) -> bool {
+        let (x, y) = (x as isize, y as isize);
+        (y - 2..=y + 2).any(|y| {
+            (x - 2..=x + 2).any(|x| self.labels.get(x, y).is_some_and(|&label| label != 0))
+        })
     }
 
     /// Whether a pixel belongs to a region that is a hollow; no pixel beyond the picture does.

@@ -26,7 +26,7 @@ const REACH_PX: isize = 10;
 /// Pixels of the hull's outline by which its direction is found.
 const AROUND_PX: isize = 3;
 /// Metres of depth that the table has to lie behind the hull's far side for their readings to be told apart.
-const LEAST_GAP: f32 = 0.02;
+const LEAST_GAP: f32 = 0.01;
 /// Fewest readings of what is behind the object by which a place counts.
 const FEWEST_READINGS: usize = 3;
 /// Fewest places that make a mean.

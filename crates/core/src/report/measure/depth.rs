@@ -5,7 +5,7 @@ use crate::frame::CameraId;
 use crate::image::Grid;
 use crate::mesh::{Fragment, Mesh, rasterize_closed};
 use crate::reconstruct::depth::{DepthKind, Facts};
-use crate::reconstruct::region::{Bias, OutlineOffset};
+use crate::reconstruct::region::{BesideRegions, Bias, OutlineOffset};
 use crate::reconstruct::{DepthResult, DepthView};
 use crate::statistics::{nearest_rank_quantile, upper_median};
 use serde::Serialize;
@@ -28,6 +28,8 @@ pub struct DepthMeasures {
     /// How far the object's outline, as it was read, is from that of the colour cameras' hull; `None` where that cannot
     /// be told.
     pub outline: Option<OutlineOffset>,
+    /// How far its readings lie from the hull where the model stays the hull; `None` where that cannot be told.
+    pub beside_regions: Option<BesideRegions>,
     /// Its concave regions and the free space that it sees; `None` where it has neither.
     pub regions: Option<RegionMeasures>,
 }
@@ -68,6 +70,7 @@ impl DepthMeasures {
             enhanced,
             regions,
             outline,
+            beside_regions,
         } = result;
         let kinds = enhanced.kind.pixels();
         let front = regions.front.is_front.pixels();
@@ -86,6 +89,7 @@ impl DepthMeasures {
             stated_uncertainty: (stated > 0.0).then_some(stated),
             sigma_difference: f64::from(regions.sigma_difference),
             outline: *outline,
+            beside_regions: *beside_regions,
             regions: (regions.count > 0)
                 .then(|| RegionMeasures::of(view, result, model, front_pixels)),
         }
@@ -110,6 +114,7 @@ impl DepthMeasures {
             stated_uncertainty: None,
             sigma_difference: 0.0,
             outline: None,
+            beside_regions: None,
             regions: None,
         }
     }

@@ -43,6 +43,7 @@ pub(super) fn judge(measured: &Measurements, parameters: &Parameters, into: &mut
     }
     about_bias(&seeing, parameters, into);
     into.extend(outlines(&seeing, parameters));
+    into.extend(elsewhere(&seeing, parameters));
     into.extend(unchecked(&seeing));
     about_regions(&seeing, parameters, into);
     if !seeing.is_empty() {
@@ -170,6 +171,39 @@ fn outlines(seeing: &[&DepthMeasures], parameters: &Parameters) -> Option<Reason
             )
         },
     )
+}
+
+/// Depth cameras that read the object elsewhere where the model stays the hull. The hull contains the object, so that
+/// no reading is in front of it; and readings behind it show how much too large it is.
+fn elsewhere(seeing: &[&DepthMeasures], parameters: &Parameters) -> Option<Reason> {
+    let contradiction = |d: &&DepthMeasures| {
+        let found = d.beside_regions?.contradiction();
+        Some((d.camera.clone(), 1e3 * found))
+    };
+    let each: Vec<(CameraId, f64)> = seeing.iter().filter_map(contradiction).collect();
+    let of_side = |sign: f64, words: fn(&str) -> String| {
+        about_cameras(
+            ReasonCode::DepthElsewhere,
+            &parameters.elsewhere_mm,
+            each.iter().map(|(camera, found)| (camera, sign * found)),
+            |v| format!("{v:.1} mm"),
+            words,
+        )
+    };
+    let in_front = of_side(-1.0, |names| {
+        format!(
+            "outside of hollows, the depth has the object in front of the surface that the colour cameras give it: {names}; \
+            the calibration of one or the other may be wrong"
+        )
+    });
+    in_front.or_else(|| {
+        of_side(1.0, |names| {
+            format!(
+                "outside of hollows, the depth has the object behind the surface that the colour cameras give it: {names}; \
+                too much may stand there, or the calibration of one or the other may be wrong"
+            )
+        })
+    })
 }
 
 /// Depth cameras that carved although neither the table nor the hull shows by how much they are off. The error that the

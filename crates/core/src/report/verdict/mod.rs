@@ -72,6 +72,8 @@ pub enum ReasonCode {
     DepthBiased,
     /// The object's outline in the depth is not where the hull's is.
     DepthOutline,
+    /// Outside of hollows, a depth camera reads the object elsewhere than the model has it.
+    DepthElsewhere,
     /// Nothing shows by how much a depth camera is off.
     DepthUnchecked,
     /// No depth camera read parts of the hull that face up: each may be the lid over a hollow.

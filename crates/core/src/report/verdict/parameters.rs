@@ -102,8 +102,11 @@ pub struct Parameters {
     pub disagreement_mm: Limits,
     /// Bias of a depth camera over what its calibration leaves possible, in millimetres. Default 2 and 15.
     pub bias_excess_mm: Limits,
-    /// Millimetres between the object's outline as a depth camera read it and that of the hull. Default 2.5.
+    /// Millimetres between the object's outline as a depth camera read it and that of the hull. Default 1.
     pub outline_mm: Limits,
+    /// Millimetres by which a depth camera reads the object elsewhere where the model is the hull, beyond what its bias
+    /// may be: half of the readings behind it, or a fifth in front of it. Default 0.8.
+    pub elsewhere_mm: Limits,
     /// Bias in millimetres that a depth camera may have where its recording does not say. Default 10.
     #[serde(deserialize_with = "crate::range::within::<_, f64, 0, 1000000>")]
     pub unstated_uncertainty_mm: f64,
@@ -146,7 +149,8 @@ impl Default for Parameters {
             region_share: Limits::amber(0.95),
             disagreement_mm: Limits::amber_red(3.0, 10.0),
             bias_excess_mm: Limits::amber_red(2.0, 15.0),
-            outline_mm: Limits::amber(2.5),
+            outline_mm: Limits::amber(1.0),
+            elsewhere_mm: Limits::amber(0.8),
             unstated_uncertainty_mm: 10.0,
             openings_closed: Limits::amber(2000.0),
             dropped_pieces: Limits::amber(100.0),
@@ -185,7 +189,7 @@ impl<'de> Deserialize<'de> for Parameters {
 
 impl Parameters {
     /// All pairs of limits, with their names.
-    fn limits(&mut self) -> [(&'static str, &mut Limits); 25] {
+    fn limits(&mut self) -> [(&'static str, &mut Limits); 26] {
         [
             ("displaced", &mut self.displaced),
             ("uncovered", &mut self.uncovered),
@@ -206,6 +210,7 @@ impl Parameters {
             ("disagreement_mm", &mut self.disagreement_mm),
             ("bias_excess_mm", &mut self.bias_excess_mm),
             ("outline_mm", &mut self.outline_mm),
+            ("elsewhere_mm", &mut self.elsewhere_mm),
             ("openings_closed", &mut self.openings_closed),
             ("dropped_pieces", &mut self.dropped_pieces),
             ("components", &mut self.components),

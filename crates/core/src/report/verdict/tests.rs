@@ -4,7 +4,7 @@ use super::*;
 use crate::capture::{ColorFacts, LeftOutCamera, Silhouette};
 use crate::frame::{CaptureId, Timestamp};
 use crate::mesh;
-use crate::reconstruct::region::{BiasSource, OutlineOffset};
+use crate::reconstruct::region::{BesideRegions, BiasSource, OutlineOffset};
 use crate::reconstruct::uncertainty::UnrequiredPiece;
 use crate::reconstruct::{Method, Provenance, silhouette};
 use crate::report::{
@@ -256,11 +256,44 @@ fn an_outline_that_the_depth_has_elsewhere_is_amber_and_names_the_camera() {
         measured.depths = vec![depth];
         judged(&measured, &capture())
     };
-    assert_eq!(of(2.4e-3).level, Level::Green);
+    assert_eq!(of(0.9e-3).level, Level::Green);
     let verdict = of(3e-3);
     assert_eq!(codes(&verdict, Level::Amber), [ReasonCode::DepthOutline]);
     let words = &verdict.reasons[0].words;
     assert!(words.contains("kinect (3.0 mm)"), "{words}");
+}
+
+#[test]
+fn an_object_that_was_read_elsewhere_is_amber_beyond_what_the_bias_may_be() {
+    let of = |found: Option<(f64, f64)>| {
+        let mut measured = measured();
+        let mut depth = crate::report::DepthMeasures::nothing(id("kinect"));
+        depth.facts.measured = 1000;
+        depth.beside_regions = found.map(|(low, median)| BesideRegions {
+            pixels: 300,
+            low,
+            median,
+            bias_error: 0.4e-3,
+        });
+        measured.depth_cameras = 1;
+        measured.depths = vec![depth];
+        judged(&measured, &capture())
+    };
+    for sound in [None, Some((0.9e-3, 1.1e-3)), Some((-1.1e-3, -0.2e-3))] {
+        assert_eq!(of(sound).level, Level::Green, "{sound:?}");
+    }
+    for (found, said) in [
+        ((-1.9e-3, -0.7e-3), "in front of"),
+        ((0.4e-3, 1.9e-3), "behind"),
+    ] {
+        let verdict = of(Some(found));
+        assert_eq!(codes(&verdict, Level::Amber), [ReasonCode::DepthElsewhere]);
+        let words = &verdict.reasons[0].words;
+        assert!(
+            words.contains(said) && words.contains("kinect (1.5 mm)"),
+            "{words}"
+        );
+    }
 }
 
 #[test]

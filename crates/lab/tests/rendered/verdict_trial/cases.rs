@@ -1,6 +1,7 @@
 //! The captures of the trial: each shape in each round, a round being a rig or a kind of fault. Captures are numbered,
 //! and a capture's seed is its number, so that odd and even ones have the same shapes, rigs and faults.
 
+use scand_core::calibration::{Camera, Intrinsics};
 use scand_core::reconstruct::{Method, Scene};
 use scand_lab::{CameraFault, CaptureFault, Options, Shape, Simulation};
 
@@ -29,6 +30,10 @@ enum Calibration {
     Exchanged,
     /// That of another rig of the same kind.
     Foreign,
+    /// All colour cameras have focal lengths that are so many times the true ones.
+    ColorFocal(f64),
+    /// So have all depth cameras.
+    DepthFocal(f64),
 }
 
 /// What is particular to a round.
@@ -45,9 +50,11 @@ enum Round {
     DepthShifted,
     Object,
     Calibrations,
+    ColorFocal,
+    DepthFocal,
 }
 
-const ROUNDS: [Round; 14] = [
+const ROUNDS: [Round; 16] = [
     Round::Rig(11, 1, 4.0),
     Round::Rig(11, 1, 4.0),
     Round::Rig(16, 2, 4.0),
@@ -62,7 +69,12 @@ const ROUNDS: [Round; 14] = [
     Round::DepthShifted,
     Round::Object,
     Round::Calibrations,
+    Round::ColorFocal,
+    Round::DepthFocal,
 ];
+
+/// Captures in which each shape has been in each round.
+pub(super) const ALL: usize = SHAPES * ROUNDS.len();
 
 impl Case {
     /// Capture `number`: all shapes of the first round come first.
@@ -126,6 +138,14 @@ impl Case {
                 1 => self.calibration = Calibration::Foreign,
                 _ => faults.calibration_scale_percent = [0.5, 1.0, 2.0][kind - 2],
             },
+            Round::ColorFocal => {
+                let times = [0.94, 0.96, 1.04, 1.05, 1.08][kind];
+                self.calibration = Calibration::ColorFocal(times);
+            }
+            Round::DepthFocal => {
+                let times = [0.92, 0.95, 1.04, 1.06, 1.1][kind];
+                self.calibration = Calibration::DepthFocal(times);
+            }
         }
     }
 
@@ -147,9 +167,11 @@ impl Case {
             ..
         } = &self.options;
         let calibration = match self.calibration {
-            Calibration::Own => "",
-            Calibration::Exchanged => ", cameras exchanged",
-            Calibration::Foreign => ", calibration of another rig",
+            Calibration::Own => String::new(),
+            Calibration::Exchanged => ", cameras exchanged".to_owned(),
+            Calibration::Foreign => ", calibration of another rig".to_owned(),
+            Calibration::ColorFocal(times) => format!(", focal lengths of colour times {times}"),
+            Calibration::DepthFocal(times) => format!(", focal length of depth times {times}"),
         };
         let method = match self.method {
             Method::Hull => ", no depth used",
@@ -232,7 +254,26 @@ impl Case {
                     view.camera = station.calibrated.clone();
                 }
             }
+            Calibration::ColorFocal(times) => {
+                for view in &mut scene.colors {
+                    view.camera = with_focal(&view.camera, times);
+                }
+            }
+            Calibration::DepthFocal(times) => {
+                for view in &mut scene.depths {
+                    view.camera.camera = with_focal(&view.camera.camera, times);
+                }
+            }
         }
         (scene, simulation)
     }
+}
+
+/// A camera whose focal lengths are so many times as long.
+fn with_focal(camera: &Camera, times: f64) -> Camera {
+    let lens = camera.intrinsics;
+    let (width, height) = (lens.width, lens.height);
+    let focal_px = lens.focal_px * times;
+    let lens = Intrinsics::new(width, height, focal_px, lens.center_px, lens.distortion).unwrap();
+    Camera::new(camera.id.clone(), lens, camera.rig_from_camera)
 }

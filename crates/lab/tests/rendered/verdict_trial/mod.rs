@@ -1,5 +1,5 @@
 //! Tests whether verdicts are true: many captures with and without faults are reconstructed and judged, and the models
-//! compared with the truth. `make verdict-trial` runs 200 and prints a table, the tests a dozen.
+//! compared with the truth. `make verdict-trial` runs 240 and prints a table, the tests a dozen.
 
 mod cases;
 
@@ -113,9 +113,20 @@ fn judged(measured: &Measurements, verdict: &Verdict) -> String {
     let model = &measured.model;
     let unread = measured.depths.iter().filter_map(|d| d.regions.as_ref());
     let unread = unread.map(|r| 1.0 - r.coverage).fold(0.0, f64::max);
+    let apart = measured
+        .depths
+        .iter()
+        .filter_map(|d| Some(d.outline?.apart));
+    let apart = 1e3 * apart.fold(0.0, f64::max);
+    let elsewhere = measured
+        .depths
+        .iter()
+        .filter_map(|d| Some(d.beside_regions?.contradiction()));
+    let elsewhere = 1e3 * elsewhere.fold(0.0, |a: f64, b| if b.abs() > a.abs() { b } else { a });
     let blur_px = measured.colors.iter().filter_map(|c| c.silhouette.blur_px);
     format!(
-        "{:?} [{}]; stated {:.2} mm, guessed {:.3}, lids {:.3}, bridged {:.3}, unread {unread:.2}, blur {:.1} px",
+        "{:?} [{}]; stated {:.2} mm, guessed {:.3}, lids {:.3}, bridged {:.3}, unread {unread:.2}, blur {:.1} px, outline \
+        {apart:.2} mm, elsewhere {elsewhere:.2} mm",
         verdict.level,
         codes.join(", "),
         1e3 * model.mean_expected_error,
@@ -178,7 +189,7 @@ fn share_of_good(outcomes: &[&Outcome], level: Level) -> f64 {
 #[test]
 #[ignore = "takes many minutes: make verdict-trial"]
 fn verdict_trial() {
-    let count = std::env::var("N").map_or(200, |n| n.parse().unwrap());
+    let count = std::env::var("N").map_or(cases::ALL, |n| n.parse().unwrap());
     let outcomes = tried(0..count);
     let halves = [true, false]
         .map(|odd| -> Vec<&Outcome> { outcomes.iter().filter(|o| o.is_odd == odd).collect() });
