@@ -111,6 +111,8 @@ impl Distortion {
 /// How many times nearer to the principal point, or farther from it, a distortion may move what the middle half of a
 /// picture shows: a fisheye lens of 180 degrees moves it less than two times.
 const LARGEST_STRETCH: f64 = 4.0;
+/// Distance from the principal point up to which a lens is checked, over the focal length.
+const FARTHEST_CHECKED: f64 = 0.35;
 
 /// A camera's lens and sensor.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -180,21 +182,24 @@ impl Intrinsics {
 
     /// Checks that the lens shows something in the middle of its picture: that each pixel of the middle half has a
     /// direction, of which it is the picture, and that the distortion leaves distances from the principal point within
-    /// a factor of four. Farther out even good models fold.
+    /// a factor of four. Farther out, and farther than 20 degrees from the axis, even good models fold.
     ///
     /// # Errors
     /// If it does not.
     pub fn checked(self) -> Result<Self, Error> {
         let size = Vector2::new(self.width as f64, self.height as f64);
-        let shares = (2..=6).flat_map(|x| (2..=6).map(move |y| Vector2::new(x, y)));
-        let pixels =
-            shares.map(|share| Point2::from(share.map(f64::from).component_mul(&size) / 8.0));
-        for pixel in pixels {
-            if !self.is_one_to_one_at(pixel) {
+        let eighths = (2..=6).flat_map(|x| (2..=6).map(move |y| Vector2::new(x, y)));
+        for eighth in eighths {
+            let pixel = eighth.map(f64::from).component_mul(&size) / 8.0;
+            let from_center = (pixel - self.center_px).component_div(&self.focal_px);
+            let distorted = from_center.cap_magnitude(FARTHEST_CHECKED);
+            if !self.is_one_to_one_at(distorted) {
+                let pixel = distorted.component_mul(&self.focal_px) + self.center_px;
                 return Err(Error::BadValue {
                     what: "distortion D",
                     found: format!(
-                        "{:?} of a focal length of {:.1} px, with which pixel ({}, {}) of {} x {} has no direction or one far off",
+                        "{:?} of a focal length of {:.1} px, with which pixel ({:.0}, {:.0}) of {} x {} has no direction or one \
+                        far off",
                         self.distortion.to_model().1,
                         self.focal_px.x,
                         pixel.x,
@@ -209,12 +214,12 @@ impl Intrinsics {
         Ok(self)
     }
 
-    fn is_one_to_one_at(&self, pixel: Point2<f64>) -> bool {
-        let Some(direction) = self.unproject(pixel) else {
+    /// At a place of the picture, given as the distorted normalised direction.
+    fn is_one_to_one_at(&self, distorted: Vector2<f64>) -> bool {
+        let Some(direction) = self.distortion.undistort(distorted) else {
             return false;
         };
-        let distorted = self.distortion.distort(direction).norm();
-        let stretch = distorted.max(1e-6) / direction.norm().max(1e-6);
+        let stretch = distorted.norm().max(1e-6) / direction.norm().max(1e-6);
         direction.norm_squared() <= self.largest_radius_squared
             && (LARGEST_STRETCH.recip()..=LARGEST_STRETCH).contains(&stretch)
     }
