@@ -92,9 +92,6 @@ pub enum Error {
         /// Line, field and what was expected.
         message: String,
     },
-    /// Two values contradict each other.
-    #[error("configuration: {0}")]
-    Contradiction(String),
     /// A value set on the command line is not what it should be.
     #[error("--set {setting}: {message}")]
     Setting {
@@ -120,13 +117,20 @@ impl Config {
         if file.is_some() {
             config = of_table(&table).map_err(|e| setting("", e))?;
         }
+        let file_agrees = config.sync.checked().is_ok();
         for text in settings {
             set(&mut table, text, &defaults)?;
             // Checked one by one, so that the message names the one that is wrong.
             config = of_table(&table)
                 .map_err(|e| setting(text, in_sections(text, &e, &defaults).unwrap_or(e)))?;
         }
-        config.sync.checked().map_err(Error::Contradiction)?;
+        config.sync.checked().map_err(|message| match file {
+            Some(path) if !file_agrees => Error::Parse {
+                path: path.to_owned(),
+                message,
+            },
+            _ => setting(&settings.join(" --set "), message),
+        })?;
         Ok(config)
     }
 

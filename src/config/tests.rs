@@ -13,7 +13,16 @@ fn settings(all: &[&str]) -> Result<Config, Error> {
 fn values_that_contradict_each_other_are_refused_by_both_names() {
     let message = settings(&["sync.depth_frames=5"]).unwrap_err().to_string();
     let words = "sync.min_depth_frames is 10, expected at most sync.depth_frames, which is 5";
-    assert!(message.contains(words), "{message}");
+    let begin = format!("--set sync.depth_frames=5: {words}");
+    assert!(message.starts_with(&begin), "{message}");
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join("rig.toml");
+    std::fs::write(&file, "[sync]\ndepth_frames = 5\n").unwrap();
+    let message = Config::load(Some(&file), &[]).unwrap_err().to_string();
+    assert!(
+        message.contains("rig.toml: ") && message.contains(words),
+        "{message}"
+    );
     // Only what is set in the end has to agree.
     assert!(settings(&["sync.depth_frames=5", "sync.min_depth_frames=3"]).is_ok());
 }

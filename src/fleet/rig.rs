@@ -83,7 +83,11 @@ pub async fn serve_rig(
             () = &mut stop => break Ok(()),
             () = tokio::time::sleep(POLL_INTERVAL) => {}
             Some(ended) = rig.jobs.join_next_with_id() => rig.end(ended),
-            defect = &mut defect => break Err(std::io::Error::other(defect.factor_first().0)),
+            defect = &mut defect => {
+                let error = defect.factor_first().0;
+                let words = format!("a defect of scand ended a task of the fleet: {error}");
+                break Err(std::io::Error::other(words));
+            }
         }
     };
     to_abort.iter().for_each(AbortHandle::abort);

@@ -197,14 +197,6 @@ mod tests {
         }
         assert!(
             DepthResponse {
-                slope: f64::NAN,
-                ..good
-            }
-            .checked()
-            .is_err()
-        );
-        assert!(
-            DepthResponse {
                 range: Some([2.0, 1.0]),
                 ..good
             }

@@ -334,7 +334,7 @@ mod tests {
         for sound in [0.0, 0.3, -0.3, -1.0] {
             assert!(of_k1(sound).is_ok(), "{sound}");
         }
-        // Folds at 0.22 of the focal length, 105 of the 200 pixels of the middle half's corner.
+        // The first folds at 0.16 of the focal length, 94 of the 200 pixels to the middle half's corner.
         for bad in [-6.0, -50.0, 1e6] {
             let words = of_k1(bad).unwrap_err().to_string();
             assert!(words.contains("one to one over the middle half"), "{words}");

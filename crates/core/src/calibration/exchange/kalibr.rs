@@ -149,7 +149,8 @@ fn camera(tree: &Tree, name: &str, before: Option<Isometry3<f64>>) -> Result<Cam
         }
     };
     let (focal, center) = (Vector2::new(fx, fy), Vector2::new(cx, cy));
-    let lens = Intrinsics::new(side(width)?, side(height)?, focal, center, distortion);
+    let lens = Intrinsics::new(side(width)?, side(height)?, focal, center, distortion)
+        .and_then(Intrinsics::checked);
     let pose = match before {
         None => Isometry3::identity(),
         Some(before) => before * pose(&exactly(tree, &of("T_cn_cnm1"))?)?.inverse(),

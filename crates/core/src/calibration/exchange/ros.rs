@@ -57,7 +57,8 @@ pub(super) fn camera(tree: &Tree) -> Result<Camera, String> {
     let distortion = Distortion::from_model(model, d).map_err(|e| e.to_string())?;
     let (focal, center) = (Vector2::new(k[0], k[4]), Vector2::new(k[2], k[5]));
     let lens =
-        Intrinsics::new(width, height, focal, center, distortion).map_err(|e| e.to_string())?;
+        Intrinsics::new(width, height, focal, center, distortion).and_then(Intrinsics::checked);
+    let lens = lens.map_err(|e| e.to_string())?;
     let id = CameraId::new(word(tree, "camera_name")?).map_err(|e| format!("camera_name: {e}"))?;
     Ok(Camera::new(id, lens, Isometry3::identity()))
 }
