@@ -239,7 +239,7 @@ export class DoPart extends Part {
           ${isBesideSign ? nothing : this.plates(!isConnected || this.busy)}
           <section class="card">
             <h2>${t("session")}</h2>
-            ${session ? this.open(session) : this.closed(!isConnected || this.busy)}
+            ${session ? this.open(session) : this.closed(isConnected)}
           </section>
         </div>
       </section>
@@ -262,9 +262,11 @@ export class DoPart extends Part {
     `;
   }
 
-  private closed(disabled: boolean): TemplateResult {
+  /** The form for a new session: it is hidden while nobody knows whether one is open, and keeps what was typed into it. */
+  private closed(isKnown: boolean): TemplateResult {
     return html`
-      <form @submit=${this.begin}>
+      ${isKnown ? nothing : html`<p class="quiet">${t("session_unknown")}</p>`}
+      <form ?hidden=${!isKnown} @submit=${this.begin}>
         <label for="session-name">${t("session_name")}</label>
         <input
           id="session-name"
@@ -279,7 +281,7 @@ export class DoPart extends Part {
         <input id="operator" maxlength="100" autocomplete="name" .value=${localStorage.getItem(AUTHOR) ?? ""} />
         <label for="project">${t("project")}</label>
         <input id="project" maxlength="100" autocomplete="off" />
-        <button ?disabled=${disabled}>${t("session_begin")}</button>
+        <button ?disabled=${this.busy}>${t("session_begin")}</button>
       </form>
     `;
   }

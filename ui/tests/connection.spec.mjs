@@ -1,5 +1,5 @@
 // What a page shows when its connection breaks, when it slept, and when nothing answers as it is opened.
-import { enter, expect, shot, sign, test } from "./fixtures.mjs";
+import { closeSession, enter, expect, shot, sign, test } from "./fixtures.mjs";
 
 test("a connection that falls silent is told, and what is shown is so again when it is back", async ({ page, rig, expected }) => {
   expected.push("net::ERR");
@@ -37,4 +37,28 @@ test("a page that is opened while the rig does not answer says so, and goes on b
   await expect(page.locator("pre")).toHaveCount(0);
   await page.unroute("**/api/me");
   await expect(page.locator("nav")).toBeVisible();
+});
+
+test("while nobody knows whether a session is open, none is offered to be begun, and what was typed stays", async ({ page, rig, expected }) => {
+  expected.push("net::ERR");
+  await enter(page, rig, "operator", rig.wirePort);
+  await closeSession(page);
+  const [begin, name] = [page.getByRole("button", { name: "Begin the session" }), page.getByLabel("Name of the session")];
+  const unknown = page.getByText("Whether a session is open is not known at the moment.");
+  await expect(unknown).toHaveCount(0);
+  await name.fill("half a na");
+  rig.wire.cut();
+  await expect(unknown).toBeVisible();
+  await expect(begin).toBeHidden();
+  rig.wire.mend();
+  await expect(begin).toBeVisible();
+  await expect(unknown).toHaveCount(0);
+  await expect(name).toHaveValue("half a na");
+  // A page that is opened, before it hears what holds.
+  await page.route("**/api/events", (route) => route.abort());
+  await page.reload();
+  await expect(unknown).toBeVisible();
+  await expect(begin).toBeHidden();
+  await page.unroute("**/api/events");
+  await expect(begin).toBeVisible();
 });

@@ -117,6 +117,7 @@ export const de: Words = {
   plates_ask: "Hintergrundbilder aufnehmen",
   cancel: "Abbrechen",
   session: "Reihe",
+  session_unknown: "Ob eine Reihe offen ist, ist zurzeit nicht bekannt.",
   session_name: "Name der Reihe",
   session_name_hint: "Buchstaben, Ziffern, Punkt, Bindestrich und Unterstrich.",
   operator: "Bediener",

@@ -115,6 +115,7 @@ export const en = {
   plates_ask: "Take background pictures",
   cancel: "Cancel",
   session: "Session",
+  session_unknown: "Whether a session is open is not known at the moment.",
   session_name: "Name of the session",
   session_name_hint: "Letters, digits, dot, hyphen and underscore.",
   operator: "Operator",
