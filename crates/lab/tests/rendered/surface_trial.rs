@@ -6,7 +6,7 @@ use nalgebra::Vector3;
 use scand_core::evaluate::load::LoadedModel;
 use scand_core::evaluate::{self, Evaluation, Sample, evaluate, sample};
 use scand_core::image::{Grid, Mask};
-use scand_core::mesh::Mesh;
+use scand_core::mesh::{self, Mesh};
 use scand_core::reconstruct::hull::Fairing;
 use scand_core::reconstruct::silhouette::Silhouette;
 use scand_core::reconstruct::{self, FusedCaptures, Method, NoProgress, Scene, reconstruct_from};
@@ -353,6 +353,14 @@ mod long {
     fn contours_that_are_a_pixel_off_make_nothing_worse_than_the_hull() {
         let captured = [Shape::Egg, Shape::Box].map(|shape| a_pixel_off(shape, 1, 960));
         assert_none(captured.iter().map(|c| c.worse_when_faired(Method::Hybrid)));
+    }
+
+    /// Between a vase's shoulder and the table no depth camera from above reads anything.
+    #[test]
+    fn a_vase_that_all_readings_carve_has_no_hole_in_its_wall() {
+        let captured = Captured::new(Shape::Vase, 1, 1280, Errors::default());
+        let checked = mesh::check(&captured.surface(Method::DepthHull, Fairing::Touch));
+        assert_eq!((checked.components, checked.genus), (1, Some(0)));
     }
 
     #[test]

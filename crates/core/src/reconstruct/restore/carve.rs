@@ -13,23 +13,50 @@ use rayon::prelude::*;
 /// last pixel outside and the first inside.
 pub(super) fn carving_depth(source: &Source, cell_size: f64, parameters: &Parameters) -> Grid<f32> {
     let Source { depth, regions, .. } = source;
-    let bias = regions.bias.metres as f32;
     let (width, height) = (depth.depth.width(), depth.depth.height());
-    let mut carving = Grid::from_fn_parallel(width, height, |x, y| {
-        let carved = depth.depth[(x, y)] - bias;
-        if depth.kind[(x, y)] == DepthKind::None {
-            0.0
-        } else if regions.contains(x, y) {
-            carved
-        } else if is_top_of_wall(source, x, y, carved) {
-            carved.max(regions.front.depth[(x, y)])
-        } else {
-            0.0
-        }
-    });
+    let mut carving =
+        Grid::from_fn_parallel(width, height, |x, y| of_region(source, x, y).unwrap_or(0.0));
     keep_walls(&mut carving, source, cell_size, parameters);
     add_ring(&mut carving, regions);
     carving
+}
+
+/// The same, but outside of regions, too, each ray carves that was read. What is only filled in carves nothing there: at
+/// the widest place of a vase, between its shoulder and the table, it would go through the wall.
+pub(super) fn carving_depth_everywhere(
+    source: &Source,
+    cell_size: f64,
+    parameters: &Parameters,
+) -> Grid<f32> {
+    let Source { depth, regions, .. } = source;
+    let bias = regions.bias.metres as f32;
+    let (width, height) = (depth.depth.width(), depth.depth.height());
+    let of_reading = |x, y| {
+        let is_read =
+            depth.kind[(x, y)] == DepthKind::Measured && regions.front.depth[(x, y)].is_finite();
+        is_read.then(|| depth.depth[(x, y)] - bias)
+    };
+    let mut carving = Grid::from_fn_parallel(width, height, |x, y| {
+        let carved = of_region(source, x, y).or_else(|| of_reading(x, y));
+        carved.unwrap_or(0.0)
+    });
+    keep_walls(&mut carving, source, cell_size, parameters);
+    carving
+}
+
+/// How deep a pixel carves that belongs to a region or to the top of its wall; `None` for any other.
+fn of_region(source: &Source, x: usize, y: usize) -> Option<f32> {
+    let Source { depth, regions, .. } = source;
+    let carved = depth.depth[(x, y)] - regions.bias.metres as f32;
+    if depth.kind[(x, y)] == DepthKind::None {
+        None
+    } else if regions.contains(x, y) {
+        Some(carved)
+    } else if is_top_of_wall(source, x, y, carved) {
+        Some(carved.max(regions.front.depth[(x, y)]))
+    } else {
+        None
+    }
 }
 
 /// Whether a pixel beside a hollow is where a wall begins that is too steep to be read. Its filled depth lies so little
@@ -51,12 +78,7 @@ fn is_top_of_wall(source: &Source, x: usize, y: usize, carved: f32) -> bool {
 
 /// Keeps walls standing: [`break_through`] finds the rays that may open the object, [`keep_across`] what all others
 /// have to leave.
-pub(super) fn keep_walls(
-    carving: &mut Grid<f32>,
-    source: &Source,
-    cell_size: f64,
-    parameters: &Parameters,
-) {
+fn keep_walls(carving: &mut Grid<f32>, source: &Source, cell_size: f64, parameters: &Parameters) {
     let least_wall = 1e-3 * parameters.least_wall_mm;
     // A sheet thinner than this falls through the lattice.
     let wall = least_wall.max(1.5 * cell_size as f32);
@@ -250,6 +272,28 @@ mod tests {
         let free_space = carved_row(0.8, 0.0, 0);
         assert_eq!((free_space[first], free_space[beside]), (0.8, 0.7));
         assert_eq!(free_space[beside + 1], 0.0);
+    }
+
+    #[test]
+    fn what_is_only_filled_in_carves_nothing_outside_of_regions() {
+        let camera = camera(0.8);
+        let (mut depth, mut regions) = evidence(0.8);
+        let is_left = |x: usize| x < SIDE / 2;
+        depth.kind = Grid::from_fn(SIDE, SIDE, |x, _| match is_left(x) {
+            true => DepthKind::Measured,
+            false => DepthKind::Filled,
+        });
+        // There is no region at all.
+        regions.labels = Grid::filled(SIDE, SIDE, 0);
+        let source = Source {
+            number: 0,
+            camera: &camera,
+            depth: &depth,
+            regions: &regions,
+        };
+        let carving = carving_depth_everywhere(&source, 1e-3, &Parameters::default());
+        let row = carving.row(SIDE / 2);
+        assert_eq!((row[SIDE / 2 - 1], row[SIDE / 2]), (0.8, 0.0));
     }
 
     #[test]

@@ -21,7 +21,7 @@ pub use even_walls::EvenWalls;
 use even_walls::{Sight, even_walls};
 pub use laplacian::Singular;
 
-use super::depth::{DepthKind, EnhancedDepth};
+use super::depth::EnhancedDepth;
 use super::fairing::FairedSolid;
 use super::hull::{self, Carved, Carving, ExtractedSurface, Hull, carving_of};
 use super::region::Regions;
@@ -211,24 +211,14 @@ fn carve_and_relax(
     Ok(restored)
 }
 
-/// The depth hull of the paper's Fig. 6: the hull carved by every depth in front of it, region or not, but for thin
-/// walls, which noise would perforate.
+/// The depth hull of the paper's Fig. 6: the hull carved by every reading, in a region or not, but for thin walls, which
+/// noise would perforate.
 pub fn depth_hull(template: &Template, sources: &[Source], parameters: &Parameters) -> Restored {
     let cell_size = template.lattice.cell_size;
-    let everywhere = |s: &Source| {
-        let (depth, front) = (&s.depth.depth, &s.regions.front.depth);
-        let bias = s.regions.bias.metres as f32;
-        let mut carving = Grid::from_fn(depth.width(), depth.height(), |x, y| {
-            if front[(x, y)].is_finite() && s.depth.kind[(x, y)] != DepthKind::None {
-                depth[(x, y)] - bias
-            } else {
-                0.0
-            }
-        });
-        carve::keep_walls(&mut carving, s, cell_size, parameters);
-        carving
-    };
-    let depths = sources.iter().map(everywhere).collect();
+    let depths = sources
+        .iter()
+        .map(|s| carve::carving_depth_everywhere(s, cell_size, parameters))
+        .collect();
     carve_by(template, sources, depths).1
 }
 
