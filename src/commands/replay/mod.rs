@@ -77,7 +77,7 @@ struct Options {
     #[arg(long)]
     rejected: bool,
     /// Which model: hybrid (the hull restored from depth), hull (the hull alone), or depth-hull (the hull carved by
-    /// depth everywhere)
+    /// every reading of depth, but for thin walls)
     #[arg(long, value_name = "METHOD", value_parser = parse_method)]
     method: Option<Method>,
     /// Simplify each model to about N vertices, such as 10000 or 10k
