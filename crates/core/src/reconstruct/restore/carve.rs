@@ -21,8 +21,8 @@ pub(super) fn carving_depth(source: &Source, cell_size: f64, parameters: &Parame
     carving
 }
 
-/// The same, but outside of regions, too, each ray carves that was read. What is only filled in carves nothing there: at
-/// the widest place of a vase, between its shoulder and the table, it would go through the wall.
+/// The same, but outside of regions, too, each ray carves that was read. What is only filled in carves nothing
+/// there: at the widest place of a vase, between its shoulder and the table, it would go through the wall.
 pub(super) fn carving_depth_everywhere(
     source: &Source,
     cell_size: f64,

@@ -211,8 +211,8 @@ fn carve_and_relax(
     Ok(restored)
 }
 
-/// The depth hull of the paper's Fig. 6: the hull carved by every reading, in a region or not, but for thin walls, which
-/// noise would perforate.
+/// The depth hull of the paper's Fig. 6: the hull carved by every reading, in a region or not, but for thin
+/// walls, which noise would perforate.
 pub fn depth_hull(template: &Template, sources: &[Source], parameters: &Parameters) -> Restored {
     let cell_size = template.lattice.cell_size;
     let depths = sources
