@@ -1,5 +1,5 @@
-//! Decides which rays carve, and how deep: to the enhanced depth in the regions, but not through walls that a
-//! remaining bias or noise would perforate.
+//! Decides which rays carve, and how deep: to the enhanced depth in the regions, to what was read elsewhere if all
+//! of the hull is carved, but not through walls that a remaining bias or noise would perforate.
 
 use super::{Parameters, Source};
 use crate::image::{Grid, PixelRect};
@@ -231,6 +231,7 @@ fn add_ring(carving: &mut Grid<f32>, regions: &Regions) {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::reconstruct::depth::EnhancedDepth;
     use crate::reconstruct::restore::testing::{SIDE, camera, evidence};
 
     /// How deep each pixel of the middle row carves, where the left half is a region, free space or a hollow, and the
@@ -242,25 +243,40 @@ mod tests {
 
     /// The same, where `filled` metres were filled in.
     fn filled_row(read: f32, filled: f32, remaining: f64, last_hollow: usize) -> Vec<f32> {
-        let camera = camera(0.8);
-        let (mut depth, mut regions) = evidence(read);
+        let (depth, mut regions) = half_read(read, filled);
         regions.bias.remaining = remaining;
-        let is_left = |x: usize| x < SIDE / 2;
-        depth.kind = Grid::from_fn(SIDE, SIDE, |x, _| match is_left(x) {
-            true => DepthKind::Measured,
-            false => DepthKind::Filled,
-        });
-        depth.depth = Grid::from_fn(SIDE, SIDE, |x, _| if is_left(x) { read } else { filled });
-        regions.labels = Grid::from_fn(SIDE, SIDE, |x, _| u16::from(is_left(x)));
+        regions.labels = Grid::from_fn(SIDE, SIDE, |x, _| u16::from(x < SIDE / 2));
         regions.last_hollow = last_hollow;
+        middle_row(&depth, &regions, carving_depth)
+    }
+
+    /// Evidence of which the left half was read, and the right half filled in.
+    fn half_read(read: f32, filled: f32) -> (EnhancedDepth, Regions) {
+        let (mut depth, regions) = evidence(read);
+        let halves = |x: usize| match x < SIDE / 2 {
+            true => (DepthKind::Measured, read),
+            false => (DepthKind::Filled, filled),
+        };
+        depth.kind = Grid::from_fn(SIDE, SIDE, |x, _| halves(x).0);
+        depth.depth = Grid::from_fn(SIDE, SIDE, |x, _| halves(x).1);
+        (depth, regions)
+    }
+
+    /// How deep each pixel of the middle row carves.
+    fn middle_row(
+        depth: &EnhancedDepth,
+        regions: &Regions,
+        carving: fn(&Source, f64, &Parameters) -> Grid<f32>,
+    ) -> Vec<f32> {
         let source = Source {
             number: 0,
-            camera: &camera,
-            depth: &depth,
-            regions: &regions,
+            camera: &camera(0.8),
+            depth,
+            regions,
         };
-        let carving = carving_depth(&source, 1e-3, &Parameters::default());
-        carving.row(SIDE / 2).to_vec()
+        carving(&source, 1e-3, &Parameters::default())
+            .row(SIDE / 2)
+            .to_vec()
     }
 
     #[test]
@@ -276,24 +292,13 @@ mod tests {
 
     #[test]
     fn what_is_only_filled_in_carves_nothing_outside_of_regions() {
-        let camera = camera(0.8);
-        let (mut depth, mut regions) = evidence(0.8);
-        let is_left = |x: usize| x < SIDE / 2;
-        depth.kind = Grid::from_fn(SIDE, SIDE, |x, _| match is_left(x) {
-            true => DepthKind::Measured,
-            false => DepthKind::Filled,
-        });
-        // There is no region at all.
+        let (depth, mut regions) = half_read(0.8, 0.8);
+        let (last_read, beside) = (SIDE / 2 - 1, SIDE / 2);
+        let inside = middle_row(&depth, &regions, carving_depth_everywhere);
+        assert_eq!((inside[last_read], inside[beside]), (0.8, 0.8));
         regions.labels = Grid::filled(SIDE, SIDE, 0);
-        let source = Source {
-            number: 0,
-            camera: &camera,
-            depth: &depth,
-            regions: &regions,
-        };
-        let carving = carving_depth_everywhere(&source, 1e-3, &Parameters::default());
-        let row = carving.row(SIDE / 2);
-        assert_eq!((row[SIDE / 2 - 1], row[SIDE / 2]), (0.8, 0.0));
+        let outside = middle_row(&depth, &regions, carving_depth_everywhere);
+        assert_eq!((outside[last_read], outside[beside]), (0.8, 0.0));
     }
 
     #[test]
