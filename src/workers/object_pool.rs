@@ -13,7 +13,7 @@ use crate::make_model::{FailedJob, Model, ReportFile, object_folder_name, report
 use crate::process::{Child, ChildExit};
 use crate::recording::finished_name;
 use crate::report::FailedCapture;
-use crate::{frame, log};
+use crate::{frame, log, queue};
 use std::os::unix::process::ExitStatusExt;
 use std::path::{Path, PathBuf};
 use std::process::{Command, ExitStatus};
@@ -90,11 +90,20 @@ impl Shared {
         let objects = self.jobs.objects();
         let may = || registers || (self.jobs.has_no_captures() && self.plan.has_room());
         while let Some(mut taken) = objects.take(!registers, may) {
-            let is_done = if registers {
-                self.register(&mut taken)
+            let begun = taken.job.newest.begun;
+            let work = if registers {
+                Self::register
             } else {
-                self.fuse(&mut taken)
+                Self::fuse
             };
+            // A panic costs one of the job's starts, and not the thread.
+            let is_done = queue::guarded(|| work(self, &mut taken)).unwrap_or_else(|panicked| {
+                log::error!("object {}: {panicked}", taken.job.subject);
+                taken.job.newest.begun = begun + 1;
+                objects.note(&taken);
+                // The last one was only to report that it failed.
+                (begun >= MAX_STARTS).then_some(true)
+            });
             match is_done {
                 // Better to report it twice, after a crash, than never.
                 Some(true) => objects.finish(&taken),

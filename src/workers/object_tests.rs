@@ -10,6 +10,7 @@ use crate::recording::{CaptureOutcome, CaptureRecord, Compression, Writer};
 use crate::support::wait::until;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
+use std::sync::atomic::{AtomicU32, Ordering};
 use std::sync::mpsc::{Receiver, channel};
 use std::time::Duration;
 
@@ -72,7 +73,8 @@ impl Place {
         jobs.objects().captured(job, subject);
     }
 
-    fn start(&self, jobs: &Arc<Jobs>) -> (Workers, Heard) {
+    /// Whoever is told panics as often as `panics` says, and only then hears.
+    fn start_with_panics(&self, jobs: &Arc<Jobs>, panics: u32) -> (Workers, Heard) {
         let plan = WorkerPlan {
             parameters: Parameters {
                 folder: self.path().join("models"),
@@ -86,8 +88,19 @@ impl Place {
         };
         std::fs::create_dir_all(&plan.parameters.folder).unwrap();
         let (tell, heard) = channel();
-        let workers = start_objects(jobs, plan, move |n| drop(tell.send(n))).unwrap();
+        let left = AtomicU32::new(panics);
+        let tell = move |news| {
+            let fewer = |left: u32| left.checked_sub(1);
+            let left = left.fetch_update(Ordering::Relaxed, Ordering::Relaxed, fewer);
+            assert!(left.is_err(), "as this test wants it");
+            drop(tell.send(news));
+        };
+        let workers = start_objects(jobs, plan, tell).unwrap();
         (workers, Heard(heard))
+    }
+
+    fn start(&self, jobs: &Arc<Jobs>) -> (Workers, Heard) {
+        self.start_with_panics(jobs, 0)
     }
 
     /// The files of objects' jobs.
@@ -300,6 +313,23 @@ fn a_crash_repeats_a_job_but_not_for_ever() {
         assert_eq!(poses.words.contains(too_often), begun == 3, "{poses:?}");
         // Who was told that there are no poses is not told that there is no model: that is tried anew.
         assert!(model.is_ok(), "{model:?}");
+    }
+}
+
+#[test]
+fn a_panic_repeats_a_job_but_not_for_ever_and_its_thread_goes_on() {
+    let place = Place::new("found 2; [ \"$register\" ] || make");
+    for (panics, is_told) in [(2, true), (4, false)] {
+        let jobs = place.jobs();
+        place.captured(&jobs, 1, "17");
+        place.captured(&jobs, 2, "17");
+        let (_workers, heard) = place.start_with_panics(&jobs, panics);
+        until("its job is done", || place.left() == 0);
+        let told: Vec<ObjectResult> = heard.0.try_iter().collect();
+        assert_eq!(!told.is_empty(), is_told, "{told:?}");
+        place.captured(&jobs, 3, "17");
+        let told = heard.next();
+        assert_eq!(capture_of(&told), ("s-0003", true));
     }
 }
 

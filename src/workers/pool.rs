@@ -13,7 +13,7 @@ use crate::process::{Child, ChildExit};
 use crate::reconstruct::Method;
 use crate::report::FailedCapture;
 use crate::storage::free_bytes;
-use crate::{log, recording};
+use crate::{log, queue, recording};
 use parking_lot::Mutex;
 use std::collections::BTreeSet;
 use std::ffi::OsString;
@@ -142,7 +142,7 @@ struct Shared {
 impl Shared {
     fn run(&self) {
         while let Some(taken) = self.jobs.take() {
-            self.carry_out_or_requeue(taken);
+            self.guarded(taken, Self::carry_out_or_requeue);
         }
     }
 
@@ -154,11 +154,7 @@ impl Shared {
         };
         while !self.jobs.is_stopped() {
             match self.jobs.take_where(is_over) {
-                Some(taken) => {
-                    let file = self.jobs.file(&taken);
-                    let ended = self.answer_to(&taken.job, handover::answer_to(&file));
-                    self.end(&taken, ended);
-                }
+                Some(taken) => self.guarded(taken, Self::end_answered),
                 None => self.jobs.pause(HANDOVER),
             }
         }
@@ -179,10 +175,33 @@ impl Shared {
         };
         while !self.jobs.is_stopped() {
             match self.jobs.take_where(is_ours) {
-                Some(taken) => self.carry_out_or_requeue(taken),
+                Some(taken) => self.guarded(taken, Self::carry_out_or_requeue),
                 None => self.jobs.pause(HANDOVER),
             }
         }
+    }
+
+    /// Does something with a job. A panic costs one of the job's starts, and not the thread.
+    fn guarded(&self, mut taken: ClaimedJob, work: impl FnOnce(&Self, &mut ClaimedJob)) {
+        let begun = taken.job.begun;
+        let Err(panicked) = queue::guarded(|| work(self, &mut taken)) else {
+            return;
+        };
+        log::error!("capture {}: {panicked}", taken.job.capture);
+        taken.job.begun = begun + 1;
+        // The last one was only to report that it failed.
+        if begun >= MAX_STARTS {
+            self.jobs.finish(&taken, false);
+        } else {
+            self.jobs.note(&taken);
+            self.jobs.requeue(&taken);
+        }
+    }
+
+    fn end_answered(&self, taken: &mut ClaimedJob) {
+        let file = self.jobs.file(taken);
+        let ended = self.answer_to(&taken.job, handover::answer_to(&file));
+        self.end(taken, ended);
     }
 
     /// What the answer of the fleet says of a job.
@@ -203,10 +222,10 @@ impl Shared {
         }
     }
 
-    fn carry_out_or_requeue(&self, mut taken: ClaimedJob) {
-        match self.carry_out(&mut taken) {
-            Some(ended) => self.end(&taken, ended),
-            None => self.jobs.requeue(&taken),
+    fn carry_out_or_requeue(&self, taken: &mut ClaimedJob) {
+        match self.carry_out(taken) {
+            Some(ended) => self.end(taken, ended),
+            None => self.jobs.requeue(taken),
         }
     }
 

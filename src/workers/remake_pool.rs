@@ -7,11 +7,10 @@ use super::pool::WorkerPlan;
 use super::remakes::Remake;
 use super::threads::Workers;
 use super::{outcome, protocol};
-use crate::log;
 use crate::make_model::Model;
 use crate::process::{Child, ChildExit};
 use crate::recording::{Recording, Topic, finished_name};
-use crate::storage;
+use crate::{log, queue, storage};
 use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::sync::Arc;
@@ -60,22 +59,15 @@ impl Making {
     fn run(&self, tell: impl Fn(RemakeResult)) {
         let may = || self.jobs.is_idle() && self.plan.has_room();
         while let Some(remake) = self.jobs.remakes().take(may) {
-            let model = self.make(&remake);
+            let made = queue::guarded(|| self.make(&remake));
+            let model = made.unwrap_or_else(|panicked| Err(panicked.to_string()));
             let _ = std::fs::remove_dir_all(self.work());
             if self.jobs.is_stopped() && model.is_err() {
                 return;
             }
-            match &model {
-                Ok(model) => log::notice!("{}: {}", model.folder.display(), model.verdict.name()),
-                Err(reason) => log::warning!(
-                    "capture {}: its model was not made again: {reason}",
-                    remake.capture
-                ),
+            if let Err(panicked) = queue::guarded(|| report(remake.capture, model, &tell)) {
+                log::error!("a model that was made again: {panicked}");
             }
-            tell(RemakeResult {
-                capture: remake.capture,
-                model,
-            });
             // Better to report it twice, after a crash, than never.
             self.jobs.remakes().finish();
         }
@@ -153,6 +145,14 @@ impl Making {
         }
         command
     }
+}
+
+fn report(capture: String, model: Result<Model, String>, tell: impl Fn(RemakeResult)) {
+    match &model {
+        Ok(model) => log::notice!("{}: {}", model.folder.display(), model.verdict.name()),
+        Err(reason) => log::warning!("capture {capture}: its model was not made again: {reason}"),
+    }
+    tell(RemakeResult { capture, model });
 }
 
 /// Gives a model that was made the first name beside the capture's own that is free: `CAPTURE.remake-1` and so on.

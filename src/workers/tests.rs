@@ -99,8 +99,8 @@ impl Place {
         }
     }
 
-    fn start(&self, jobs: &Arc<Jobs>, change: impl FnOnce(&mut WorkerPlan)) -> (Workers, Heard) {
-        let mut plan = WorkerPlan {
+    fn plan(&self) -> WorkerPlan {
+        WorkerPlan {
             parameters: Parameters {
                 folder: self.models(),
                 ..Parameters::default()
@@ -110,7 +110,11 @@ impl Place {
             method: crate::reconstruct::Method::default(),
             keep_free: Arc::default(),
             command: vec!["/bin/sh".into(), self.path().join("worker.sh").into()],
-        };
+        }
+    }
+
+    fn start(&self, jobs: &Arc<Jobs>, change: impl FnOnce(&mut WorkerPlan)) -> (Workers, Heard) {
+        let mut plan = self.plan();
         change(&mut plan);
         let (ended, heard) = channel();
         let workers = start_models(jobs, plan, move |e| drop(ended.send(e))).unwrap();
@@ -249,6 +253,27 @@ fn one_that_is_killed_after_its_model_was_put_in_place_has_made_it() {
     let killed = heard.next().model.unwrap_err();
     assert_eq!(killed, "the worker was killed by signal 9");
     assert_eq!(place.report("s-1")["outcome"], "done");
+}
+
+#[test]
+fn a_panic_of_its_thread_costs_a_job_its_starts_and_no_other_job() {
+    let place = Place::new("echo >> \"$out/starts-of-$capture\"; make");
+    let jobs = place.jobs();
+    place.offer(&jobs, 1..=2);
+    let (ended, heard) = channel();
+    let ended = move |job: FinishedJob| {
+        assert!(job.capture != "s-1", "as this test wants it");
+        ended.send(job).unwrap();
+    };
+    let _workers = start_models(&jobs, place.plan(), ended).unwrap();
+    let heard = Heard(heard);
+    assert_eq!(heard.next().capture, "s-2");
+    until("not finished", || jobs.backlog().done == 1);
+    let backlog = jobs.backlog();
+    assert_eq!((backlog.failed, backlog.waiting), (1, 0));
+    assert_eq!((backlog.running.len(), place.left().len()), (0, 0));
+    let starts = std::fs::read_to_string(place.models().join("starts-of-s-1")).unwrap();
+    assert_eq!(starts.lines().count(), 3);
 }
 
 #[test]

@@ -1,6 +1,7 @@
 //! Threads that take jobs until they are told to stop. What they do with a job stands in the files `*pool`.
 
 use super::jobs::{Error, Jobs};
+use crate::{log, queue};
 use parking_lot::Mutex;
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -23,7 +24,7 @@ impl Workers {
         }
     }
 
-    /// Starts one more thread.
+    /// Starts one more thread. Its work guards its jobs; a panic beside them ends the thread, and that is logged.
     ///
     /// # Errors
     /// If the system has no thread left.
@@ -32,7 +33,17 @@ impl Workers {
         name: String,
         work: impl FnOnce() + Send + 'static,
     ) -> Result<(), Error> {
-        let thread = std::thread::Builder::new().name(name).spawn(work);
+        let guarded = {
+            let name = name.clone();
+            move || {
+                if let Err(panicked) = queue::guarded(work) {
+                    log::error!(
+                        "thread `{name}` ended, its jobs wait for the daemon's next start: {panicked}"
+                    );
+                }
+            }
+        };
+        let thread = std::thread::Builder::new().name(name).spawn(guarded);
         let thread = thread.map_err(|cause| Error::Io {
             path: self.folder.clone(),
             cause,

@@ -1,5 +1,5 @@
-//! Runs a number of jobs on a number of threads; a job that panics does not affect the others. Knows nothing of
-//! scanning.
+//! Runs jobs, one or a number of them on a number of threads; a job that panics does not affect the others. Knows
+//! nothing of scanning.
 
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::atomic::{AtomicUsize, Ordering};
@@ -9,6 +9,14 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 #[error("scand has a bug and stopped this job ({0}): please report it with the recording")]
 pub struct Panicked(pub String);
 
+/// Runs one job.
+///
+/// # Errors
+/// If it panics. What it shares with others must bear that it was left at any place.
+pub fn guarded<R>(job: impl FnOnce() -> R) -> Result<R, Panicked> {
+    catch_unwind(AssertUnwindSafe(job)).map_err(|cause| Panicked(last_words(&*cause)))
+}
+
 /// Runs jobs 0 to `count` - 1 on `workers` threads and returns their results in order. A job that panics
 /// fails alone. A single worker is the calling thread itself.
 pub fn run<R: Send>(
@@ -16,17 +24,15 @@ pub fn run<R: Send>(
     count: usize,
     job: impl Fn(usize) -> R + Sync,
 ) -> Vec<Result<R, Panicked>> {
-    let guarded = |i| {
-        catch_unwind(AssertUnwindSafe(|| job(i))).map_err(|cause| Panicked(last_words(&*cause)))
-    };
+    let job = |i| guarded(|| job(i));
     if workers <= 1 {
-        return (0..count).map(guarded).collect();
+        return (0..count).map(job).collect();
     }
     let next = AtomicUsize::new(0);
     let work = || {
         let mine = std::iter::repeat_with(|| next.fetch_add(1, Ordering::Relaxed));
         mine.take_while(|&i| i < count)
-            .map(|i| (i, guarded(i)))
+            .map(|i| (i, job(i)))
             .collect::<Vec<_>>()
     };
     let mut done: Vec<(usize, Result<R, Panicked>)> = std::thread::scope(|scope| {

@@ -3,9 +3,9 @@
 
 use super::{CameraInfo, Device, Driver, Fault, LookResult, Shot, ShotStats};
 use crate::frame::{CameraId, Frame, Stream, Timestamp};
+use crate::queue;
 use crossbeam_channel::{Receiver, RecvTimeoutError, Sender, TrySendError, bounded};
 use std::collections::BTreeMap;
-use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
@@ -209,7 +209,7 @@ impl Supervisor {
         self.report(CameraEvent::Ready(Box::new(device.info().clone())));
         let served = guarded(|| self.serve(device.as_mut()));
         // A device that panicked may panic again while it is closed.
-        let _ = catch_unwind(AssertUnwindSafe(|| drop(device)));
+        let _ = queue::guarded(|| drop(device));
         served.map_err(|fault| (fault, true))
     }
 
@@ -347,12 +347,10 @@ impl Supervisor {
 
 /// Turns a panic in an SDK's code into a fault of its camera.
 fn guarded<T>(work: impl FnOnce() -> Result<T, Fault>) -> Result<T, Fault> {
-    catch_unwind(AssertUnwindSafe(work)).unwrap_or_else(|cause| {
-        let words = cause.downcast_ref::<String>().map(String::as_str);
-        let words = words.or_else(|| cause.downcast_ref::<&str>().copied());
+    queue::guarded(work).unwrap_or_else(|panicked| {
+        let words = panicked.0;
         Err(Fault::Away(format!(
-            "internal error in its driver: {}",
-            words.unwrap_or("a panic")
+            "internal error in its driver: {words}"
         )))
     })
 }

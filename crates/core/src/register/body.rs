@@ -143,7 +143,8 @@ impl Body {
             if value < enough {
                 break;
             }
-            value = value.min(outline.value(outline.in_camera(p)));
+            let below = outline.sum_below(value, outline.in_camera(p), 0.0);
+            value = below.unwrap_or(value);
         }
         value
     }

@@ -14,6 +14,10 @@ const POINTS: f64 = 360.0;
 const LEAST_SPACING_PX: f64 = 1.5;
 /// Cells around the contour.
 const MARGIN: f64 = 16.0;
+/// Cells along the side of a block, of which the least distance is known.
+const BLOCK: usize = 8;
+/// Share of the largest distance of a block by which rounding may bring what is interpolated below the least one.
+const ROUNDING: f32 = 1e-6;
 
 /// A point of a contour and the viewing ray through it.
 #[derive(Clone, Copy, Debug)]
@@ -39,6 +43,9 @@ pub(super) struct Outline {
     corner: Vector2<f64>,
     /// Distance to the contour in units of the normalised picture plane, positive inside.
     distance: Grid<f32>,
+    /// What no interpolated distance of a block of cells is below. It fits into the processor's cache, where the
+    /// distances of all cells do not.
+    least: Grid<f32>,
     /// Points of the contour at equal distances, in the order of the chains.
     pub(super) points: Vec<ContourPoint>,
     /// For each chain whether it is closed.
@@ -95,6 +102,7 @@ impl Outline {
             eye: camera.center(),
             scale,
             corner,
+            least: least_of_blocks(&distance),
             distance,
             points: contour_points(camera, &chains),
             is_closed: chains.iter().map(|c| c.is_closed).collect(),
@@ -126,14 +134,47 @@ impl Outline {
     /// does not object to what is behind it, or outside its picture.
     #[inline]
     pub(super) fn value(&self, q: Vector3<f64>) -> f64 {
-        if q.z <= 1e-6 {
-            return f64::INFINITY;
+        match self.cell(q) {
+            Some(cell) => self.interpolated(cell) * q.z,
+            None => f64::INFINITY,
         }
-        let (nx, ny) = (q.x / q.z, q.y / q.z);
-        let (x, y) = (
-            (nx - self.corner.x) * self.scale,
-            (ny - self.corner.y) * self.scale,
-        );
+    }
+
+    /// The sum of [`Self::value`] and another length where it is below a limit. Most points lie well within most cones:
+    /// then a look at a block of cells is enough.
+    #[inline]
+    pub(super) fn sum_below(&self, limit: f64, q: Vector3<f64>, other: f64) -> Option<f64> {
+        let cell = self.cell(q)?;
+        if f64::from(self.least_around(cell)) * q.z + other >= limit {
+            return None;
+        }
+        let sum = self.interpolated(cell) * q.z + other;
+        (sum < limit).then_some(sum)
+    }
+
+    /// Where a point of the camera's frame lies on the distance image; `None` behind the camera.
+    #[inline]
+    fn cell(&self, q: Vector3<f64>) -> Option<Vector2<f64>> {
+        (q.z > 1e-6).then(|| (Vector2::new(q.x / q.z, q.y / q.z) - self.corner) * self.scale)
+    }
+
+    /// A distance that [`Self::interpolated`] is not below.
+    #[inline]
+    fn least_around(&self, cell: Vector2<f64>) -> f32 {
+        let (last_x, last_y) = (self.distance.width() - 1, self.distance.height() - 1);
+        let is_within = |c: f64, last: usize| (0.0..=last as f64).contains(&c);
+        if is_within(cell.x, last_x) && is_within(cell.y, last_y) {
+            self.least[(cell.x as usize / BLOCK, cell.y as usize / BLOCK)]
+        } else {
+            f32::NEG_INFINITY
+        }
+    }
+
+    /// Distance to the contour in units of the normalised picture plane; outside the image, what its edge has and the
+    /// way from there.
+    #[inline]
+    fn interpolated(&self, cell: Vector2<f64>) -> f64 {
+        let (x, y) = (cell.x, cell.y);
         let (last_x, last_y) = (self.distance.width() - 1, self.distance.height() - 1);
         let (cx, cy) = (x.clamp(0.0, last_x as f64), y.clamp(0.0, last_y as f64));
         let (x0, y0) = ((cx as usize).min(last_x - 1), (cy as usize).min(last_y - 1));
@@ -145,8 +186,28 @@ impl Outline {
         if value < 0.0 && (cx != x || cy != y) {
             value -= (x - cx).hypot(y - cy) / self.scale;
         }
-        value * q.z
+        value
     }
+}
+
+/// For each block of cells the least of its distances, those on its border among them, and less than that by what
+/// rounding may cost.
+fn least_of_blocks(distance: &Grid<f32>) -> Grid<f32> {
+    let (width, height) = (distance.width(), distance.height());
+    let mut least = Grid::filled(width.div_ceil(BLOCK), height.div_ceil(BLOCK), 0.0);
+    for block_y in 0..least.height() {
+        for block_x in 0..least.width() {
+            let (x, y) = (block_x * BLOCK, block_y * BLOCK);
+            let rows = y..=(y + BLOCK).min(height - 1);
+            let row = |y| distance.row(y)[x..=(x + BLOCK).min(width - 1)].iter();
+            let all = rows.flat_map(row);
+            let (low, largest) = all.fold((f32::INFINITY, 0.0_f32), |(low, largest), d| {
+                (low.min(*d), largest.max(d.abs()))
+            });
+            least[(block_x, block_y)] = low - ROUNDING * largest;
+        }
+    }
+    least
 }
 
 /// Whether a direction is in the silhouette. What lies outside the picture may be.

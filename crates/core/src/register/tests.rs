@@ -784,6 +784,36 @@ fn outlines_are_known_to_a_fraction_of_a_pixel() {
 }
 
 #[test]
+fn a_look_at_a_block_leaves_out_only_what_does_not_decide() {
+    let body = body_of(&capture(&crooked(), &pose([0.0, 0.0, 1.0], 0.3)));
+    let mut left_out = 0;
+    let mut decided = 0;
+    for i in 0..40_000_u32 {
+        // Also beside the pictures and behind the cameras.
+        let share = |prime: u32| f64::from(i.wrapping_mul(prime) % 1009) / 504.5 - 1.0;
+        let far = if i % 10 == 0 { 2.0 } else { 0.06 };
+        let p = body.center + Vector3::new(share(7919), share(6011), share(104_729)) * far;
+        for outline in &body.outlines {
+            let q = outline.in_camera(p);
+            let value = outline.value(q) + 0.0005;
+            for limit in [-0.01, 0.0, 0.002, value, value.next_up()] {
+                let expected = (value < limit).then_some(value);
+                assert_eq!(outline.sum_below(limit, q, 0.0005), expected, "{p} {limit}");
+                *(if expected.is_some() {
+                    &mut decided
+                } else {
+                    &mut left_out
+                }) += 1;
+            }
+        }
+    }
+    assert!(
+        decided > 10_000 && left_out > 10_000,
+        "{decided} {left_out}"
+    );
+}
+
+#[test]
 fn the_steps_along_a_ray_miss_no_better_place() {
     // A small thing stands out.
     let mut balls = crooked();

@@ -170,12 +170,33 @@ impl<'a> Probe<'a> {
         }
     }
 
+    /// The value of a condition where it is below a limit.
+    #[inline]
+    fn value_below(&self, limit: f64, condition: &Condition, along: f64) -> Option<f64> {
+        match *condition {
+            Condition::Cone {
+                target,
+                outline,
+                from,
+                step,
+                height,
+                rise,
+            } => {
+                let outline = &self.targets[target].body.outlines[outline];
+                let doubt = doubt(height + rise * along);
+                outline.sum_below(limit, from + step * along, doubt)
+            }
+            Condition::Table { .. } => {
+                Some(self.value_of(condition, along)).filter(|&value| value < limit)
+            }
+        }
+    }
+
     /// The least value of all conditions, or one below `enough`. The condition that decided is asked first next time.
     fn value(&mut self, along: f64, enough: f64) -> f64 {
         let mut least = f64::INFINITY;
         for i in 0..self.conditions.len() {
-            let value = self.value_of(&self.conditions[i], along);
-            if value < least {
+            if let Some(value) = self.value_below(least, &self.conditions[i], along) {
                 least = value;
                 if value < enough {
                     self.conditions.swap(0, i);

@@ -20,7 +20,7 @@ use super::sheet_terms::{CrossValidation, settled};
 use super::single_camera::{self, SingleCamera};
 use super::volume::proposed;
 use super::{Error, Parameters};
-use crate::calibration::{Board, BoardKind, Camera, Face};
+use crate::calibration::{Board, BoardKind, Camera, Face, Intrinsics};
 use crate::words;
 use nalgebra::{DMatrix, Isometry3, Matrix3, Point3, SMatrix, Vector3};
 use rayon::prelude::*;
@@ -530,7 +530,8 @@ impl<'a> Solver<'a> {
         let state = &self.bundle.cameras[camera];
         let id = self.session.cameras[camera].id.clone();
         let unsound = |e| Error::Unsolvable(format!("camera {id}: {e}"));
-        let lens = state.lens.intrinsics().map_err(unsound)?;
+        let lens = state.lens.intrinsics();
+        let lens = lens.and_then(Intrinsics::checked).map_err(unsound)?;
         let own = || residuals.iter().filter(|r| r.camera == camera);
         let start = camera * CAMERA;
         let block = covariance
