@@ -171,7 +171,7 @@ mod long {
     fn depth_takes_nothing_off_a_convex_body_from_wherever_and_with_whatever_bias() {
         for shape in [Shape::Egg, Shape::Box, Shape::Prism] {
             for slant_deg in [0.0, 10.0, 25.0, 45.0] {
-                for bias_mm in [-8.0, 0.0, 8.0] {
+                for bias_mm in [-8.0, 8.0] {
                     let simulated = simulation(shape, |o| {
                         (o.width, o.height) = (640, 480);
                         o.masks = true;

@@ -62,6 +62,8 @@ enum Condition {
 struct Probe<'a> {
     targets: &'a [Target<'a>],
     conditions: Vec<Condition>,
+    /// Which condition decided last.
+    decided: usize,
 }
 
 /// The best place of a ray of `own`; where it is known to be near a place, that is the only one where it is looked for.
@@ -77,6 +79,7 @@ pub(super) fn touch_without(
     (target, outline): (usize, usize),
 ) -> Touch {
     let mut probe = Probe::new(own, ray, targets);
+    // None has decided yet, and the first one, a table, stays.
     probe.conditions.retain(|condition| {
         !matches!(*condition, Condition::Cone { target: t, outline: o, .. } if (t, o) == (target, outline))
     });
@@ -121,6 +124,7 @@ impl<'a> Probe<'a> {
         Self {
             targets,
             conditions,
+            decided: 0,
         }
     }
 
@@ -192,14 +196,19 @@ impl<'a> Probe<'a> {
         }
     }
 
-    /// The least value of all conditions, or one below `enough`. The condition that decided is asked first next time.
+    /// The least value of all conditions, or the first one below `enough`, and then that condition is asked first next
+    /// time. What the condition that decided last says here is a limit for all others, most of which do not come near
+    /// it.
     fn value(&mut self, along: f64, enough: f64) -> f64 {
-        let mut least = f64::INFINITY;
+        let last = self.value_of(&self.conditions[self.decided], along);
+        let mut least = last.max(enough);
         for i in 0..self.conditions.len() {
             if let Some(value) = self.value_below(least, &self.conditions[i], along) {
                 least = value;
+                self.decided = i;
                 if value < enough {
                     self.conditions.swap(0, i);
+                    self.decided = 0;
                     break;
                 }
             }
