@@ -77,6 +77,12 @@ const ROUNDS_TO_SETTLE: [usize; 2] = [2, 12];
 /// the ridges between them stand off by many cells.
 const SETTLED: f64 = 1e-3;
 
+/// How many of its cells a hull may reach beyond a coarser surface of it. Edges reach half a cell beyond it, and what
+/// is thinner than a cell all its length.
+const MOST_LOST_CELLS: f64 = 2.0;
+/// One of so many of the hull's vertices is asked for that: a part of two cells has dozens.
+const ASKED_OF: usize = 4;
+
 /// Pixels by which a flat side may lie outside an outline.
 const OUTSIDE_PX: f64 = 0.5;
 
@@ -163,6 +169,15 @@ pub enum Refusal {
     /// On the coarser cells of the fairing there is no closed surface.
     #[error("the hull is thinner than the cells on which it is faired")]
     TooThin,
+    /// A part is missing on the coarser cells of the fairing.
+    #[error(
+        "a part of the hull is thinner than the cells on which it is faired: it ends {:.1} mm from what is left on them",
+        1e3 * distance
+    )]
+    ThinPart {
+        /// How far the part's farthest point is from the surface on the coarser cells, in metres.
+        distance: f64,
+    },
     /// Too much would have to stay the hull.
     #[error(
         "fairing would leave {:.0} % of the surface as the hull, and at most {:.0} % is allowed: on {:.0} % the outlines \
@@ -222,6 +237,12 @@ pub fn fair_hull(
         .map(|(cone, reduced)| Reduced::contour_or(reduced.as_ref(), cone))
         .collect();
     let shapes = shapes_of_levels(hull, lattice, &contours, pixel, parameters)?;
+    for (level, shape) in LEVELS.iter().zip(&shapes) {
+        let distance = farthest_from(shape, extracted);
+        if distance > MOST_LOST_CELLS * f64::from(level.cells) * lattice.cell_size {
+            return Err(Refusal::ThinPart { distance });
+        }
+    }
     let object = Volume {
         min: Point3::new(low.x.into(), low.y.into(), hull.volume().min.z),
         max: high.cast(),
@@ -276,6 +297,20 @@ fn shapes_of_levels(
     }
     certain::confirm(&mut shapes);
     Ok(shapes)
+}
+
+/// How far the farthest of a hull's vertices is from a coarser surface of it, in metres.
+fn farthest_from(coarser: &Shape, hull: &Mesh) -> f64 {
+    let surface = mesh::Bvh::new(&Mesh {
+        vertices: coarser.positions.iter().map(|p| p.cast()).collect(),
+        triangles: coarser.triangles.clone(),
+    });
+    let asked = hull.vertices.par_iter().step_by(ASKED_OF);
+    let distance = |v: &Point3<f32>| surface.closest_point(v.cast()).map(|c| c.distance);
+    asked
+        .filter_map(distance)
+        .map(f64::from)
+        .reduce(|| 0.0, f64::max)
 }
 
 /// What the meshes of all levels are faired with.

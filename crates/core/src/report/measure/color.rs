@@ -15,6 +15,10 @@ use serde::Serialize;
 /// Longest side, in cells, of the grid that silhouette and projection are compared on.
 const CELLS: f64 = 200.0;
 
+/// Share of a cell that a silhouette fills where the cell is missing in the hull's projection. A wire that is narrower
+/// than a cell fills none, and the noise of silhouettes fills little of any.
+const LEAST_MISSING: f64 = 0.3;
+
 /// The figures of one colour camera.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct ColorMeasures {
@@ -90,11 +94,9 @@ impl Consistency {
             for x in 0..level.width() {
                 let s = f64::from(level[(x, y)]);
                 let m = f64::from(projected[(x, y)]);
-                let far = s > 0.95 && is_far(&projected, x, y);
-                for (sum, value) in
-                    sums.iter_mut()
-                        .zip([s, s.min(m), s.max(m), f64::from(u8::from(far))])
-                {
+                let is_missing = s > LEAST_MISSING && is_far(&projected, x, y);
+                let missing = if is_missing { s } else { 0.0 };
+                for (sum, value) in sums.iter_mut().zip([s, s.min(m), s.max(m), missing]) {
                     *sum += value;
                 }
             }
