@@ -229,6 +229,40 @@ fn contours_that_contradict_each_other_leave_the_hull() {
     assert!(inside < above(&plain, 0.02, off).0 + 0.2e-3, "{inside}");
 }
 
+/// A ball with a rod that stands on it, of so many metres in radius.
+fn ball_with_rod(camera: &Camera, rod: f64) -> Grid<u8> {
+    let [from, to] = [BALL.z, 0.08].map(|z| Point3::new(0.0, 0.0, z));
+    let points = (0..=60).map(|i| from + (to - from) * (f64::from(i) / 60.0));
+    let points: Vec<_> = points.map(|p| camera.project(p).unwrap()).collect();
+    let pixel = (BALL - camera.center()).norm() / camera.intrinsics.focal_px.x;
+    let ball = ball(camera, 0.02);
+    let lens = &camera.intrinsics;
+    let rod = silhouette(camera, |p| {
+        let along = points.iter().map(|(q, _)| (p - q).norm());
+        rod / pixel - along.fold(f64::INFINITY, f64::min)
+    });
+    Grid::from_fn(lens.width, lens.height, |x, y| {
+        ball[(x, y)].max(rod[(x, y)])
+    })
+}
+
+#[test]
+fn a_part_that_is_thinner_than_the_cells_of_the_fairing_stays() {
+    let cameras = ring(10, 640);
+    let of = |rod| -> Vec<_> { cameras.iter().map(|c| ball_with_rod(c, rod)).collect() };
+    let (plain, thin) = faired(&cameras, &of(0.0012));
+    let top = |mesh: &Mesh| mesh.vertices.iter().map(|v| v.z).fold(0.0, f32::max);
+    assert!(top(&plain) > 0.078, "{}", top(&plain));
+    match thin {
+        Err(Refusal::ThinPart { distance }) => assert!(distance > 0.01, "{distance}"),
+        other => panic!("{:?}", other.map(|(facts, _)| facts)),
+    }
+    // A rod that the cells hold is faired with the rest.
+    let (_, thick) = faired(&cameras, &of(0.005));
+    let (facts, model) = thick.unwrap();
+    assert!(top(&model.surface.mesh) > 0.08, "{facts:?}");
+}
+
 #[test]
 fn an_object_of_few_pixels_keeps_its_hull() {
     let cameras = ring(7, 320);

@@ -89,19 +89,7 @@ impl Consistency {
         let projected = cells.draw(camera, hull);
         let unknown = cells.unknown(silhouette);
         let level = known(cells.level(silhouette, &inside), &projected, &unknown);
-        let mut sums = [0.0f64; 4];
-        for y in 0..level.height() {
-            for x in 0..level.width() {
-                let s = f64::from(level[(x, y)]);
-                let m = f64::from(projected[(x, y)]);
-                let is_missing = s > LEAST_MISSING && is_far(&projected, x, y);
-                let missing = if is_missing { s } else { 0.0 };
-                for (sum, value) in sums.iter_mut().zip([s, s.min(m), s.max(m), missing]) {
-                    *sum += value;
-                }
-            }
-        }
-        let [area, both, either, missing] = sums;
+        let [area, both, either, missing] = sums(&level, &projected);
         let share = |part: f64, whole: f64| if whole > 0.0 { part / whole } else { 0.0 };
         Self {
             coverage: share(both, area),
@@ -248,6 +236,24 @@ fn known(level: Grid<f32>, projected: &Grid<f32>, unknown: &Option<Grid<bool>>) 
     })
 }
 
+/// Areas, in cells: of the silhouette, of what it shares with the projection, of either, and of what is missing in the
+/// projection.
+fn sums(level: &Grid<f32>, projected: &Grid<f32>) -> [f64; 4] {
+    let mut sums = [0.0f64; 4];
+    for y in 0..level.height() {
+        for x in 0..level.width() {
+            let s = f64::from(level[(x, y)]);
+            let m = f64::from(projected[(x, y)]);
+            let is_missing = s > LEAST_MISSING && is_far(projected, x, y);
+            let missing = if is_missing { s } else { 0.0 };
+            for (sum, value) in sums.iter_mut().zip([s, s.min(m), s.max(m), missing]) {
+                *sum += value;
+            }
+        }
+    }
+    sums
+}
+
 /// Whether neither a cell nor its neighbours are covered.
 fn is_far(projected: &Grid<f32>, x: usize, y: usize) -> bool {
     let (x, y) = (x as isize, y as isize);
@@ -297,6 +303,25 @@ fn smooth(grid: &Grid<f32>) -> Grid<f32> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn what_is_narrower_than_a_cell_is_missing_and_the_noise_of_a_contour_is_not() {
+        let half = |extra: fn(usize, usize) -> f32| {
+            Grid::from_fn(100, 100, |x, y| if x < 50 { 1.0 } else { extra(x, y) })
+        };
+        let projected = half(|_, _| 0.0);
+        let missing = |level: &Grid<f32>| sums(level, &projected)[3];
+        let wire = half(|_, y| if y == 40 { 0.6 } else { 0.0 });
+        assert!(
+            (missing(&wire) - 49.0 * 0.6).abs() < 1e-3,
+            "{}",
+            missing(&wire)
+        );
+        let beside = half(|x, _| if x == 50 { 0.9 } else { 0.0 });
+        assert_eq!(missing(&beside), 0.0);
+        let speckled = half(|x, y| if (x * 7 + y * 13) % 5 == 0 { 0.2 } else { 0.0 });
+        assert_eq!(missing(&speckled), 0.0);
+    }
 
     #[test]
     fn a_shift_is_found_to_a_fraction_of_a_cell() {
