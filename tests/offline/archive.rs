@@ -341,9 +341,8 @@ fn a_package_says_of_each_model_whether_it_was_made_of_its_recording() {
     );
 }
 
-#[test]
-fn a_model_of_several_captures_goes_with_them() {
-    let desk = Desk::new();
+/// Makes a model of both captures, which lie in the same way.
+fn fuse(desk: &Desk) {
     let pose = "[[1,0,0,0],[0,1,0,0],[0,0,1,0],[0,0,0,1]]";
     let poses = format!("{{\"rig_from_object\":[{pose},{pose}]}}");
     std::fs::write(desk.path("poses.json"), poses).unwrap();
@@ -352,6 +351,12 @@ fn a_model_of_several_captures_goes_with_them() {
         "fuse", "ball.mcap", "--capture", "ball-000", "--capture", "ball-001", "--poses", "poses.json",
         "--set", "hull.resolution=40", "-q",
     ]);
+}
+
+#[test]
+fn a_model_of_several_captures_goes_with_them() {
+    let desk = Desk::new();
+    fuse(&desk);
     let model = "data/models/ball/ball-000.object/model.glb";
     desk.done(&["archive", "ball", "-o", "both"]);
     let both = files(&desk.path("both"));
@@ -443,4 +448,121 @@ fn a_recording_that_cannot_be_read_hides_no_other_and_is_told() {
     let output = desk.run(&["archive", "magic.mcap", "-o", "empty"]);
     assert_eq!(output.status.code(), Some(1), "{output:?}");
     assert!(!desk.path("empty").exists());
+}
+
+/// Packs the model of `ball-000`, which is not whole: it must stay out, and be told with these words.
+fn is_left_out(desk: &Desk, package: &str, words: &[&str]) {
+    let output = desk.run(&["archive", "ball-000", "-o", package]);
+    let told = super::desk::said(&output);
+    assert_eq!(output.status.code(), Some(3), "{package}: {told}");
+    for words in words {
+        assert!(told.contains(words), "{package}: {words}: {told}");
+    }
+    let bag = files(&desk.path(package));
+    assert!(!bag.keys().any(|name| name.starts_with("data/models")));
+    let sheet: Value = serde_json::from_slice(&bag["data/paradata/ball/ball-000.json"]).unwrap();
+    assert_eq!(sheet["processing"]["method"], "no model is in the package");
+    assert!(desk.run(&["verify", package]).status.success());
+}
+
+#[test]
+fn a_model_that_cannot_be_read_or_contradicts_its_report_is_left_out() {
+    let desk = Desk::with_a_model();
+    #[rustfmt::skip]
+    desk.done(&["replay", "ball.mcap", "--capture", "ball-001", "--set", "hull.resolution=40", "-q"]);
+    let folder = desk.path("out/ball/ball-000");
+    let [glb, ply, report] = ["model.glb", "model.ply", "report.json"].map(|f| folder.join(f));
+    let kept = [&glb, &ply, &report].map(|path| (path.clone(), std::fs::read(path).unwrap()));
+    let restore = || {
+        for (path, bytes) in &kept {
+            std::fs::write(path, bytes).unwrap();
+        }
+    };
+    for (path, file) in [(&glb, "model.glb: "), (&ply, "model.ply: ")] {
+        let bytes = std::fs::read(path).unwrap();
+        std::fs::write(path, &bytes[..bytes.len() / 2]).unwrap();
+        let package = format!("short-{}", &file[6..9]);
+        is_left_out(&desk, &package, &[file, "the model is left out"]);
+        restore();
+        std::fs::copy(desk.path("out/ball/ball-001").join(&file[..9]), path).unwrap();
+        let package = format!("foreign-{}", &file[6..9]);
+        let words = [file, "its capture is \"ball-001\", expected \"ball-000\""];
+        is_left_out(&desk, &package, &words);
+        restore();
+    }
+    let changed = |from: &str, to: &str| {
+        let text = std::fs::read_to_string(&report).unwrap();
+        assert!(text.contains(from), "{from}");
+        std::fs::write(&report, text.replacen(from, to, 1)).unwrap();
+    };
+    changed("\"triangles\": ", "\"triangles\": 1");
+    is_left_out(
+        &desk,
+        "counted",
+        &["model.glb: it has ", " triangles, expected 1"],
+    );
+    restore();
+    changed("\"input_sha256\": \"", "\"input_sha256\": \"0");
+    is_left_out(&desk, "digested", &["model.glb: its input_sha256 is "]);
+    restore();
+    // As it was, it is packed.
+    let told = desk.done(&["archive", "ball-000", "-o", "whole"]);
+    assert!(!told.contains("left out"), "{told}");
+    assert!(files(&desk.path("whole")).contains_key("data/models/ball/ball-000/model.ply"));
+}
+
+#[test]
+fn a_folder_with_a_part_of_a_model_is_not_called_empty() {
+    let desk = Desk::with_a_model();
+    let folder = desk.path("out/ball/ball-000");
+    for name in ["model.glb", "model.ply", "report.json"] {
+        let bytes = std::fs::read(folder.join(name)).unwrap();
+        std::fs::remove_file(folder.join(name)).unwrap();
+        let words = format!("{name}: the file is missing: the model is left out");
+        is_left_out(&desk, &format!("without-{name}"), &[words.as_str()]);
+        std::fs::write(folder.join(name), bytes).unwrap();
+    }
+    let report = std::fs::read(folder.join("report.json")).unwrap();
+    for (package, bytes, words) in [
+        (
+            "torn",
+            &report[..report.len() / 2],
+            "expected a report in JSON",
+        ),
+        ("empty", &b"{}"[..], "neither the verdict on a model nor"),
+    ] {
+        std::fs::write(folder.join("report.json"), bytes).unwrap();
+        is_left_out(&desk, package, &["report.json: ", words]);
+    }
+    std::fs::remove_dir_all(&folder).unwrap();
+    std::fs::create_dir(&folder).unwrap();
+    let told = desk.done(&["archive", "ball-000", "-o", "nothing"]);
+    assert!(told.contains("no model is in out/ball/ball-000"), "{told}");
+}
+
+#[test]
+fn a_model_of_several_captures_that_is_not_whole_is_left_out() {
+    let desk = Desk::new();
+    fuse(&desk);
+    let folder = desk.path("out/ball/ball-000.object");
+    for (file, words) in [
+        ("model.glb", "model.glb: the file is missing"),
+        ("report.json", "report.json: expected a report in JSON"),
+    ] {
+        let bytes = std::fs::read(folder.join(file)).unwrap();
+        match file {
+            "model.glb" => std::fs::remove_file(folder.join(file)).unwrap(),
+            _ => std::fs::write(folder.join(file), &bytes[..99]).unwrap(),
+        }
+        let output = desk.run(&["archive", "ball", "-o", file]);
+        let told = super::desk::said(&output);
+        assert_eq!(output.status.code(), Some(3), "{told}");
+        assert!(told.contains(words), "{told}");
+        let end = "the model of several captures is left out";
+        assert!(told.contains(end), "{told}");
+        let bag = files(&desk.path(file));
+        assert!(!bag.keys().any(|name| name.contains("ball-000.object")));
+        std::fs::write(folder.join(file), bytes).unwrap();
+    }
+    desk.done(&["archive", "ball", "-o", "whole"]);
 }

@@ -1,6 +1,7 @@
 //! `scand archive`: puts recordings, notes, calibrations, models, reports and all that is needed to understand them
 //! into one package for an archive (BagIt, RFC 8493).
 
+mod model_files;
 mod models;
 mod page;
 mod paradata;
@@ -92,8 +93,8 @@ const DOCUMENTS: [(&str, &str); 7] = [
     ),
 ];
 
-/// Makes the package. The exit code is 3 if a recording in it is damaged, or one that was to be searched cannot be
-/// read.
+/// Makes the package. The exit code is 3 if a recording in it is damaged, one that was to be searched cannot be read, or
+/// a file that belongs into it is left out because something is wrong with it.
 ///
 /// # Errors
 /// If nothing has one of the names, a recording is not complete, or a file cannot be read or written.
@@ -287,6 +288,10 @@ impl Packing<'_> {
                 self.damaged = true;
                 format!("the model in {} is a link", folder.display())
             }
+            FoundModel::Broken(problem) => {
+                self.damaged = true;
+                format!("{problem}: the model is left out")
+            }
             FoundModel::Nothing => format!("no model is in {}", folder.display()),
         };
         self.warnings
@@ -296,18 +301,32 @@ impl Packing<'_> {
 
     /// Adds the models of several captures, if the package has all of their captures.
     fn add_objects(&mut self, stem: &str, name: &str) -> anyhow::Result<()> {
-        for object in models::of_objects(&self.models.join(stem), &self.kept) {
-            if object.missing.is_empty() {
-                self.add_object(&object, name)?;
-            } else {
+        let objects = models::of_objects(&self.models.join(stem), &self.kept);
+        for problem in objects.unknown {
+            self.leave_out_object(&problem);
+        }
+        for object in objects.found {
+            if !object.missing.is_empty() {
                 self.warnings.push(format!(
                     "{}: the model of several captures is left out, because the package does not have {}",
                     object.folder.display(),
                     object.missing.join(", ")
                 ));
+            } else if let Some(problem) = models::problem(&object.folder, &object.report) {
+                self.leave_out_object(&problem);
+            } else {
+                self.add_object(&object, name)?;
             }
         }
         Ok(())
+    }
+
+    /// Says that a model of several captures is not whole.
+    fn leave_out_object(&mut self, problem: &str) {
+        self.damaged = true;
+        self.warnings.push(format!(
+            "{problem}: the model of several captures is left out"
+        ));
     }
 
     fn add_object(&mut self, object: &ObjectModel, name: &str) -> anyhow::Result<()> {

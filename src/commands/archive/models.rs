@@ -1,17 +1,25 @@
 //! Finds the models that belong to the captures of a package, and checks from what they were made. Nothing is written
 //! here.
 
+use super::model_files;
 use super::select::{ChosenCapture, SelectedCaptures};
 use crate::capture::{CaptureSession, CaptureSummary, calibration_digest, input_digest};
 use crate::recording::finished_name;
+use crate::storage;
 use serde_json::Value;
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
 /// The files of a model's folder.
-pub(super) const FILES: [&str; 4] = ["model.glb", "model.ply", PREVIEW, REPORT];
+pub(super) const FILES: [&str; 4] = [GLB, PLY, PREVIEW, REPORT];
+pub(super) const GLB: &str = "model.glb";
+pub(super) const PLY: &str = "model.ply";
 pub(super) const PREVIEW: &str = "preview.png";
 pub(super) const REPORT: &str = "report.json";
+/// Bytes of the longest report that is read.
+const LONGEST_REPORT: u64 = 16 << 20;
+/// The ending of the folder of a model of several captures.
+pub(super) const OBJECT: &str = ".object";
 
 /// How the input of a model relates to the capture that is recorded.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -84,13 +92,15 @@ impl ModelInput {
 
 /// What lies where a capture's model belongs.
 pub(super) enum FoundModel {
-    /// A model with this report.
+    /// A model with this report, whose files can be read and do not contradict it.
     Model(Value),
     /// The report of a failure: why no model could be made.
     Failure(String),
     /// A link, of which nobody knows where it leads.
     Link,
-    /// Nothing that can be read.
+    /// Something that is no whole model: the file, and what is wrong with it.
+    Broken(String),
+    /// Nothing.
     Nothing,
 }
 
@@ -102,27 +112,58 @@ pub(super) fn is_file_itself(path: &Path) -> bool {
     path.symlink_metadata().is_ok_and(|about| about.is_file())
 }
 
-/// Looks into the folder of a capture's model.
+/// Looks into the folder of a capture's model, and reads the model's files.
 pub(super) fn look(folder: &Path) -> FoundModel {
-    match report(folder) {
-        Some(_) if folder.join(FILES[0]).is_symlink() => FoundModel::Link,
-        Some(report) if is_model(folder, &report) => FoundModel::Model(report),
-        Some(report) => match report["reason"].as_str() {
-            Some(reason) => FoundModel::Failure(reason.to_owned()),
-            None => FoundModel::Nothing,
-        },
-        None => FoundModel::Nothing,
+    let report = match report(folder) {
+        Ok(report) => report,
+        Err(_) if has_nothing(folder) => return FoundModel::Nothing,
+        Err(problem) => return FoundModel::Broken(problem),
+    };
+    if folder.join(GLB).is_symlink() {
+        return FoundModel::Link;
+    }
+    if let Some(reason) = reason_of_failure(&report) {
+        return FoundModel::Failure(reason);
+    }
+    match problem(folder, &report) {
+        Some(problem) => FoundModel::Broken(problem),
+        None => FoundModel::Model(report),
     }
 }
 
-fn is_model(folder: &Path, report: &Value) -> bool {
-    report["verdict"].is_object() && folder.join(FILES[0]).is_file()
+/// Whether a folder has neither a report nor a model.
+fn has_nothing(folder: &Path) -> bool {
+    let is_there = |file: &&str| folder.join(file).symlink_metadata().is_ok();
+    ![GLB, PLY, REPORT].iter().any(is_there)
 }
 
-/// A report; `None` if there is none that can be read.
-fn report(folder: &Path) -> Option<Value> {
-    let bytes = std::fs::read(folder.join("report.json")).ok()?;
-    serde_json::from_slice(&bytes).ok()
+fn reason_of_failure(report: &Value) -> Option<String> {
+    let reason = report["reason"].as_str()?;
+    (!report["verdict"].is_object()).then(|| reason.to_owned())
+}
+
+/// What is wrong with the model of a report, or with its files; `None` if nothing is.
+pub(super) fn problem(folder: &Path, report: &Value) -> Option<String> {
+    if !report["verdict"].is_object() {
+        let path = folder.join(REPORT);
+        let what = "it has neither the verdict on a model nor the reason of a failure";
+        return Some(format!("{}: {what}", path.display()));
+    }
+    model_files::problem(folder, report)
+}
+
+/// A report.
+///
+/// # Errors
+/// If there is none that can be read; the message names the file.
+fn report(folder: &Path) -> Result<Value, String> {
+    let path = folder.join(REPORT);
+    let bad = |problem: String| format!("{}: {problem}", path.display());
+    if let Some(problem) = model_files::no_file(&path) {
+        return Err(bad(problem));
+    }
+    let text = storage::read_text(&path, LONGEST_REPORT).map_err(|error| bad(error.to_string()))?;
+    serde_json::from_str(&text).map_err(|error| bad(format!("expected a report in JSON: {error}")))
 }
 
 /// Whether a capture's model goes into the package, as far as notes decide it.
@@ -156,20 +197,43 @@ pub(super) struct ObjectModel {
     pub(super) missing: Vec<String>,
 }
 
-/// The models of several captures in a recording's folder that have at least one of the captures of the package.
-pub(super) fn of_objects(folder: &Path, kept: &BTreeSet<(String, String)>) -> Vec<ObjectModel> {
-    let entries = std::fs::read_dir(folder).into_iter().flatten().flatten();
-    let mut folders: Vec<PathBuf> = entries.map(|entry| entry.path()).collect();
-    folders.retain(|path| is_file_itself(&path.join("model.glb")));
-    folders.sort();
-    folders
-        .into_iter()
-        .filter_map(|f| of_object(f, kept))
-        .collect()
+/// The models of several captures in a recording's folder.
+#[derive(Default)]
+pub(super) struct ObjectModels {
+    /// Those that have at least one of the captures of the package.
+    pub(super) found: Vec<ObjectModel>,
+    /// Those of which nobody knows which captures they have: what is wrong with their reports.
+    pub(super) unknown: Vec<String>,
 }
 
-fn of_object(folder: PathBuf, kept: &BTreeSet<(String, String)>) -> Option<ObjectModel> {
-    let report = report(&folder)?;
+/// The models of several captures in a recording's folder. Their files are not read yet.
+pub(super) fn of_objects(folder: &Path, kept: &BTreeSet<(String, String)>) -> ObjectModels {
+    let entries = std::fs::read_dir(folder).into_iter().flatten().flatten();
+    let mut folders: Vec<PathBuf> = entries.map(|entry| entry.path()).collect();
+    folders.retain(|path| path.is_dir());
+    folders.sort();
+    let mut objects = ObjectModels::default();
+    for folder in folders {
+        match report(&folder) {
+            Ok(report) => objects.found.extend(of_object(folder, report, kept)),
+            Err(problem) => {
+                let is_object = file_name(&folder).ends_with(OBJECT);
+                let is_unknown = is_object && !has_nothing(&folder);
+                objects.unknown.extend(is_unknown.then_some(problem));
+            }
+        }
+    }
+    objects
+}
+
+fn of_object(
+    folder: PathBuf,
+    report: Value,
+    kept: &BTreeSet<(String, String)>,
+) -> Option<ObjectModel> {
+    if reason_of_failure(&report).is_some() {
+        return None;
+    }
     let captures = report["fusion"]["captures"].as_array()?.iter();
     let fused: Vec<(String, String)> = captures
         .filter(|capture| capture["is_fused"] == true)

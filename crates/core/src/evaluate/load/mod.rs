@@ -10,7 +10,7 @@ use super::Error;
 use crate::mesh::{Mesh, is_closed};
 use crate::reconstruct::Provenance;
 use nalgebra::{Point3, Vector3};
-use std::collections::HashMap;
+use std::collections::{BTreeMap, HashMap};
 use std::path::Path;
 
 /// Larger files are refused.
@@ -36,6 +36,28 @@ pub struct LoadedModel {
 /// # Errors
 /// Where the file cannot be read or is not what its ending says; the error names the file and the place.
 pub fn load(path: &Path) -> Result<LoadedModel, Error> {
+    load_unwelded(&bytes_of(path)?, path).map(weld_if_open)
+}
+
+/// Reads the PLY file at `path` as it is, without welding, and the comments of its header: the first word of each, and
+/// what follows it.
+///
+/// # Errors
+/// As [`load`].
+pub fn load_ply_with_comments(
+    path: &Path,
+) -> Result<(LoadedModel, BTreeMap<String, String>), Error> {
+    let bytes = bytes_of(path)?;
+    let model = parse_with(ply::parse, &bytes, path)?;
+    let comments = ply::comments(&bytes).map_err(|what| Error::Format {
+        path: path.to_owned(),
+        what,
+    })?;
+    Ok((model, comments))
+}
+
+/// The bytes of a file that may be a model.
+fn bytes_of(path: &Path) -> Result<Vec<u8>, Error> {
     let io = |cause| Error::Io {
         path: path.to_owned(),
         cause,
@@ -48,7 +70,7 @@ pub fn load(path: &Path) -> Result<LoadedModel, Error> {
             what: format!("it has {size} bytes, expected at most {MAX_FILE_BYTES}"),
         });
     }
-    load_unwelded(&std::fs::read(path).map_err(io)?, path).map(weld_if_open)
+    std::fs::read(path).map_err(io)
 }
 
 /// Reads the bytes of a GLB, which are called `name` in messages.

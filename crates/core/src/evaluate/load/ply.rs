@@ -2,6 +2,7 @@
 
 use super::{LoadedModel, fan, provenance};
 use nalgebra::{Point3, Vector3};
+use std::collections::BTreeMap;
 
 /// A longer header is refused.
 const MAX_HEADER_BYTES: usize = 64 << 10;
@@ -33,6 +34,21 @@ pub(super) fn parse(bytes: &[u8]) -> Result<LoadedModel, String> {
         }
     }
     Ok(model)
+}
+
+/// The comments of the header: the first word of each, and what follows it. Of several with one word, the first counts.
+pub(super) fn comments(bytes: &[u8]) -> Result<BTreeMap<String, String>, String> {
+    let (header, _) = split_header(bytes)?;
+    let comments = header
+        .lines()
+        .filter_map(|line| line.strip_prefix("comment "));
+    let mut found = BTreeMap::new();
+    for (word, rest) in comments.filter_map(|comment| comment.split_once(' ')) {
+        found
+            .entry(word.to_owned())
+            .or_insert_with(|| rest.trim_end().to_owned());
+    }
+    Ok(found)
 }
 
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -423,6 +439,17 @@ mod tests {
         assert_eq!(model.colors.unwrap()[2], [7, 8, 9]);
         assert_eq!(model.normals.unwrap()[3], Vector3::z());
         assert_eq!(model.provenance, None);
+    }
+
+    #[test]
+    fn of_comments_with_one_word_the_first_counts() {
+        let text = "ply\r\ncomment capture cup 1\r\ncomment\r\ncomment alone\r\ncomment capture other\r\nend_header\n";
+        let found = comments(text.as_bytes()).unwrap();
+        assert_eq!(
+            found.into_iter().collect::<Vec<_>>(),
+            [("capture".to_owned(), "cup 1".to_owned())]
+        );
+        assert!(comments(b"ply\ncomment capture cup").is_err());
     }
 
     #[test]
