@@ -566,3 +566,85 @@ fn a_model_of_several_captures_that_is_not_whole_is_left_out() {
     }
     desk.done(&["archive", "ball", "-o", "whole"]);
 }
+
+#[test]
+fn the_sheet_of_a_damaged_recording_says_what_the_terminal_says() {
+    let desk = Desk::new();
+    let path = desk.path("ball.mcap");
+    let mut bytes = std::fs::read(&path).unwrap();
+    let at = bytes.len() / 3;
+    bytes[at..at + 64].iter_mut().for_each(|byte| *byte ^= 0xff);
+    std::fs::write(&path, bytes).unwrap();
+    let output = desk.run(&["archive", "ball.mcap", "-o", "bag"]);
+    let told = super::desk::said(&output);
+    assert_eq!(output.status.code(), Some(3), "{told}");
+    let bag = files(&desk.path("bag"));
+    let sheets = ["ball-000", "ball-001"].map(|id| -> Value {
+        serde_json::from_slice(&bag[&format!("data/paradata/ball/{id}.json")]).unwrap()
+    });
+    for sheet in &sheets {
+        let damage = sheet["data"]["damage"].as_array().unwrap();
+        assert!(!damage.is_empty());
+        for words in damage {
+            assert!(told.contains(words.as_str().unwrap()), "{words}: {told}");
+        }
+    }
+    let unread = sheets
+        .iter()
+        .map(|sheet| sheet["capture"]["outcome"].as_str().unwrap())
+        .filter(|outcome| outcome.starts_with("not all pictures of this capture can be read: "));
+    let unread: Vec<&str> = unread.collect();
+    assert!(!unread.is_empty(), "{sheets:?}");
+    for words in unread {
+        assert!(words.contains("damaged at byte"), "{words}");
+    }
+}
+
+#[test]
+fn what_a_recovery_could_not_use_goes_with_its_recording() {
+    let desk = Desk::new();
+    let bytes = std::fs::read(desk.path("ball.mcap")).unwrap();
+    let whole = desk.run(&["archive", "ball.mcap", "-o", "whole"]);
+    assert_eq!(whole.status.code(), Some(0), "{whole:?}");
+    let sheet = |package: &str, name: &str| -> Value {
+        let path = desk
+            .path(package)
+            .join(format!("data/paradata/{name}/ball-000.json"));
+        serde_json::from_slice(&std::fs::read(path).unwrap()).unwrap()
+    };
+    assert_eq!(sheet("whole", "ball")["data"]["cut_off"], Value::Null);
+    assert_eq!(
+        sheet("whole", "ball")["data"]["rescued_bytes"],
+        serde_json::json!([])
+    );
+    std::fs::write(desk.path("cut.mcap.part"), &bytes[..bytes.len() * 3 / 4]).unwrap();
+    assert_eq!(
+        desk.run(&["recover", "cut.mcap.part"]).status.code(),
+        Some(3)
+    );
+    let tail = std::fs::read(desk.path("cut.mcap.tail")).unwrap();
+    assert!(!tail.is_empty());
+    let told = desk.done(&["archive", "cut.mcap", "-o", "bag"]);
+    assert!(
+        told.contains(&format!("cut.mcap.tail: {} bytes", tail.len())),
+        "{told}"
+    );
+    let bag = files(&desk.path("bag"));
+    assert!(bag["data/recordings/cut.mcap.tail"] == tail);
+    let read_me = String::from_utf8_lossy(&bag["data/README.txt"]);
+    assert!(read_me.contains("NAME.mcap.tail"), "{read_me}");
+    let data = &sheet("bag", "cut")["data"];
+    let rescued = serde_json::json!([{ "file": "recordings/cut.mcap.tail", "bytes": tail.len() }]);
+    assert_eq!(data["rescued_bytes"], rescued);
+    let words = data["cut_off"].as_str().unwrap();
+    assert!(words.contains("scand recover completed"), "{words}");
+    // Where a link leads, nobody knows.
+    std::fs::remove_file(desk.path("cut.mcap.tail")).unwrap();
+    std::os::unix::fs::symlink("ball.mcap", desk.path("cut.mcap.tail")).unwrap();
+    let output = desk.run(&["archive", "cut.mcap", "-o", "linked"]);
+    let told = super::desk::said(&output);
+    assert_eq!(output.status.code(), Some(3), "{told}");
+    assert!(told.contains("cut.mcap.tail: it is a link"), "{told}");
+    let words = sheet("linked", "cut")["data"]["cut_off"].clone();
+    assert!(words.as_str().unwrap().contains("not all bytes"), "{words}");
+}

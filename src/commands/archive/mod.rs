@@ -5,6 +5,7 @@ mod model_files;
 mod models;
 mod page;
 mod paradata;
+mod recording_file;
 mod select;
 
 use super::{EXIT_INCOMPLETE, first_aid};
@@ -18,6 +19,7 @@ use crate::storage;
 use crate::words::{count, printable};
 use anyhow::Context;
 use models::{FoundModel, ModelInput, ObjectModel};
+use recording_file::RecordingFile;
 use select::{ChosenCapture, SelectedCaptures};
 use serde_json::Value;
 use std::collections::{BTreeMap, BTreeSet};
@@ -193,30 +195,14 @@ impl Packing<'_> {
             .to_string_lossy()
             .into_owned();
         let name = self.free_name(&safe(&stem));
-        self.bag
-            .put_file(&format!("recordings/{name}.mcap"), &chosen.path)?;
-        match notes_to_copy(&chosen.path) {
-            Ok(Some(notes)) => self
-                .bag
-                .put_file(&format!("recordings/{name}.notes.jsonl"), &notes)?,
-            Ok(None) => {}
-            Err(error) => self.leave_out(&beside(&chosen.path), &error.to_string()),
-        }
         let recording = chosen.session.recording();
-        let damage = recording.verify()?;
-        let bytes = recording.file_length();
-        let first_aid = first_aid::words(&chosen.path, bytes, recording.is_cut_off()?, &damage);
-        self.warnings.extend(first_aid);
-        for damage in &damage {
-            self.damaged = true;
-            self.warnings
-                .push(format!("{}: {damage}", chosen.path.display()));
-        }
+        let file = RecordingFile::of(recording, name)?;
+        self.add_recording(chosen, &file)?;
         self.warnings
             .extend(chosen.session.notes().problems().iter().cloned());
         match of_recording(recording) {
             Ok(calibration) => {
-                let path = format!("calibration/{name}.toml");
+                let path = format!("calibration/{}.toml", file.name);
                 self.bag.put(&path, calibration.to_toml().as_bytes())?;
             }
             Err(error) => self.warnings.push(format!(
@@ -225,16 +211,55 @@ impl Packing<'_> {
             )),
         }
         for capture in &chosen.captures {
-            self.add_capture(chosen, &stem, &name, capture)?;
+            self.add_capture(chosen, &stem, &file, capture)?;
         }
-        self.add_objects(&stem, &name)
+        self.add_objects(&stem, &file.name)
+    }
+
+    /// Adds a recording with the files beside it, and says what is wrong with it.
+    fn add_recording(
+        &mut self,
+        chosen: &SelectedCaptures,
+        file: &RecordingFile,
+    ) -> anyhow::Result<()> {
+        self.bag.put_file(&file.place(), &chosen.path)?;
+        match notes_to_copy(&chosen.path) {
+            Ok(Some(notes)) => {
+                let place = format!("recordings/{}.notes.jsonl", file.name);
+                self.bag.put_file(&place, &notes)?;
+            }
+            Ok(None) => {}
+            Err(error) => self.leave_out(&beside(&chosen.path), &error.to_string()),
+        }
+        for rescued in &file.rescued {
+            match &rescued.problem {
+                Some(problem) => self.leave_out(&rescued.path, problem),
+                None => {
+                    self.bag.put_file(&file.place_of(rescued), &rescued.path)?;
+                    self.warnings.push(format!(
+                        "{}: {} bytes that could not be used when the recording was completed; the package has them",
+                        rescued.path.display(),
+                        rescued.bytes
+                    ));
+                }
+            }
+        }
+        let bytes = chosen.session.recording().file_length();
+        let first_aid = first_aid::words(&chosen.path, bytes, file.is_cut_off, &file.damage);
+        self.warnings.extend(first_aid);
+        for damage in &file.damage {
+            self.damaged = true;
+            self.warnings
+                .push(format!("{}: {damage}", chosen.path.display()));
+        }
+        Ok(())
     }
 
     fn add_capture(
         &mut self,
         chosen: &SelectedCaptures,
         stem: &str,
-        name: &str,
+        file: &RecordingFile,
         capture: &ChosenCapture,
     ) -> anyhow::Result<()> {
         let id = capture.summary.id.as_str();
@@ -248,10 +273,10 @@ impl Packing<'_> {
         let folder = self.models.join(stem).join(id);
         let made = self.report(chosen, capture, &folder);
         if made.is_some() {
-            self.add_model(&folder, name, id, &capture.summary.notes)?;
+            self.add_model(&folder, &file.name, id, &capture.summary.notes)?;
         }
-        let sheet = paradata::of(&chosen.session, &capture.summary, made.as_ref(), name);
-        self.add_sheet(name, id, &sheet)
+        let sheet = paradata::of(&chosen.session, &capture.summary, made.as_ref(), file);
+        self.add_sheet(&file.name, id, &sheet)
     }
 
     fn add_sheet(&mut self, name: &str, what: &str, sheet: &Value) -> anyhow::Result<()> {

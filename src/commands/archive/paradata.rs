@@ -3,6 +3,7 @@
 //! them. Unknown values are marked as unknown.
 
 use super::models::ModelInput;
+use super::recording_file::RecordingFile;
 use crate::capture::{CaptureSession, CaptureSummary};
 use crate::notes::CaptureNotes;
 use serde_json::{Map, Value, json};
@@ -100,12 +101,23 @@ pub(super) fn of_object(
     })
 }
 
+/// How a capture ended, and whether all of its pictures can still be read.
+fn outcome(session: &CaptureSession, capture: &CaptureSummary, file: &RecordingFile) -> String {
+    match &capture.failure {
+        Some(failure) => failure.clone(),
+        None => match file.unread_pictures(session, capture) {
+            Some(reason) => format!("not all pictures of this capture can be read: {reason}"),
+            None => "complete".into(),
+        },
+    }
+}
+
 /// The sheet of a capture, from its recording, and the report and input of its model, if there is one.
 pub(super) fn of(
     session: &CaptureSession,
     capture: &CaptureSummary,
     made: Option<&(Value, ModelInput)>,
-    name: &str,
+    file: &RecordingFile,
 ) -> Value {
     let recording = session.recording();
     let report = made.map(|(report, _)| report);
@@ -160,7 +172,7 @@ pub(super) fn of(
             "time": capture.time.iso_8601(),
             "triggered_by": capture.source,
             "placement": capture.placement.as_deref().unwrap_or(UNKNOWN),
-            "outcome": capture.failure.as_deref().unwrap_or("complete"),
+            "outcome": outcome(session, capture, file),
             "color_pictures": capture.color_frames,
             "depth_frames": capture.depth_frames,
             "spread_of_color_pictures_ns": capture.skew_ns,
@@ -174,10 +186,12 @@ pub(super) fn of(
         "how_exact": how_exact(&of_report("verdict"), &of_report("model")),
         "other_pairs": other_pairs(session),
         "data": {
-            "recording": format!("recordings/{name}.mcap"),
-            "models": report.map(|_| format!("models/{name}/{}", capture.id)),
+            "recording": file.place(),
+            "cut_off": file.cut_off(),
+            "rescued_bytes": file.rescued_bytes(),
+            "models": report.map(|_| format!("models/{}/{}", file.name, capture.id)),
             "units": "metres; the recording's frame has z up, the glTF has y up",
-            "damage": session.damage().iter().map(ToString::to_string).collect::<Vec<_>>(),
+            "damage": file.damage.iter().map(ToString::to_string).collect::<Vec<_>>(),
         },
     })
 }

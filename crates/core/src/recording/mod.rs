@@ -35,7 +35,7 @@ pub use notes::{Notes, WrittenNote, beside, note_beside, noted_recording, notes_
 pub use packing::{Packed, pack};
 pub use proto::Pose;
 pub use reader::{ChannelInfo, Recording};
-pub use recovery::{Recovered, finished_name, recover, unfinished, unfinished_name};
+pub use recovery::{Recovered, finished_name, recover, tails, unfinished, unfinished_name};
 pub use session::{FinishedCapture, RecordingSession, SessionHeader};
 pub use topic::{ColorPart, DepthPart, Topic};
 pub use writer::Writer;

@@ -84,17 +84,62 @@ fn complete(found: &Truncated, file: &File, part: &Path, path: &Path) -> std::io
     rename_noreplace(part, path)
 }
 
+/// The ending of the file with what could not be read. Those of later recoveries have a number behind it.
+const TAIL: &str = "tail";
+
+/// The files beside a complete recording that keep what could not be read when it was completed, in the order in which
+/// they were made: the endings that they have behind the recording's name, and their paths.
+///
+/// # Errors
+/// If the folder cannot be read.
+pub fn tails(recording: &Path) -> Result<Vec<(String, PathBuf)>, Error> {
+    let folder = match recording.parent() {
+        Some(folder) if folder != Path::new("") => folder,
+        _ => Path::new("."),
+    };
+    let name = recording.file_name().unwrap_or_default().to_string_lossy();
+    let mut found = Vec::new();
+    for entry in std::fs::read_dir(folder).map_err(io(folder))? {
+        let entry = entry.map_err(io(folder))?.file_name();
+        let entry = entry.to_string_lossy();
+        let ending = entry
+            .strip_prefix(&*name)
+            .and_then(|rest| rest.strip_prefix('.'));
+        if let Some((number, ending)) = ending.and_then(|ending| Some((number(ending)?, ending))) {
+            found.push((number, ending.to_owned()));
+        }
+    }
+    found.sort();
+    let tail = |(_, ending): (u64, String)| {
+        let path = with_ending(recording, &ending);
+        (ending, path)
+    };
+    Ok(found.into_iter().map(tail).collect())
+}
+
+/// How many tails were there before one with this ending, and itself; `None` if it is no tail's.
+fn number(ending: &str) -> Option<u64> {
+    match ending.strip_prefix(TAIL)? {
+        "" => Some(1),
+        rest => {
+            let number = rest.strip_prefix('-')?;
+            let is_plain = number.bytes().all(|b| b.is_ascii_digit());
+            number.parse().ok().filter(|&n| is_plain && n > 1)
+        }
+    }
+}
+
 /// Copies what could not be read into a file beside the recording, durably, and returns its path. The file of an
 /// earlier recovery stays.
 fn keep_tail(mut file: &File, part: &Path, from: u64, path: &Path) -> Result<PathBuf, Error> {
-    let mut tail = with_ending(path, "tail");
+    let mut tail = with_ending(path, TAIL);
     let mut number = 1;
     while tail.try_exists().map_err(io(&tail))? {
         if is_kept(file, from, &tail).map_err(io(&tail))? {
             return Ok(tail);
         }
         number += 1;
-        tail = with_ending(path, &format!("tail-{number}"));
+        tail = with_ending(path, &format!("{TAIL}-{number}"));
     }
     let staged = with_ending(&tail, "recovering");
     remove_stale(&staged)?;

@@ -425,3 +425,28 @@ fn what_is_being_written_or_is_no_recording_stays() {
     let other = folder.path().join("c.mcap");
     assert!(matches!(recover(&other), Err(Error::NotUnfinished { .. })));
 }
+
+#[test]
+fn the_tails_of_a_recording_are_found_in_the_order_of_their_recoveries() {
+    let folder = tempfile::tempdir().unwrap();
+    let recording = folder.path().join("a.mcap");
+    assert_eq!(tails(&recording).unwrap(), []);
+    let tails_are = ["tail", "tail-2", "tail-10"];
+    let others = [
+        "tail-1",
+        "tail-x",
+        "tail-+3",
+        "tail.recovering",
+        "part",
+        "b.tail",
+    ];
+    for ending in tails_are.into_iter().chain(others) {
+        std::fs::write(folder.path().join(format!("a.mcap.{ending}")), "x").unwrap();
+    }
+    std::fs::write(folder.path().join("b.mcap.tail"), "x").unwrap();
+    let found = tails(&recording).unwrap();
+    let endings: Vec<&str> = found.iter().map(|(ending, _)| ending.as_str()).collect();
+    assert_eq!(endings, tails_are);
+    assert!(found.iter().all(|(_, path)| path.is_file()));
+    assert!(tails(&folder.path().join("none/a.mcap")).is_err());
+}
