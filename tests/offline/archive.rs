@@ -648,3 +648,50 @@ fn what_a_recovery_could_not_use_goes_with_its_recording() {
     let words = sheet("linked", "cut")["data"]["cut_off"].clone();
     assert!(words.as_str().unwrap().contains("not all bytes"), "{words}");
 }
+
+#[test]
+fn a_package_is_called_intact_only_if_lists_vouch_for_all_of_it() {
+    let desk = Desk::new();
+    desk.done(&["archive", "ball-000", "-o", "bag"]);
+    let verified = |code: i32, words: &[&str]| -> Value {
+        let output = desk.run(&["verify", "bag"]);
+        let told = super::desk::said(&output);
+        assert_eq!(output.status.code(), Some(code), "{told}");
+        for words in words {
+            assert!(told.contains(words), "{words}: {told}");
+        }
+        assert_eq!(told.contains("intact"), code == 0, "{told}");
+        let json = desk.run(&["verify", "bag", "--json"]);
+        assert_eq!(json.status.code(), Some(code));
+        serde_json::from_slice(&json.stdout).unwrap()
+    };
+    let line = verified(
+        0,
+        &["bag: intact: each file that the lists name is as listed ("],
+    );
+    assert_eq!(line["whole"], true);
+    assert_eq!(line["tag_manifest"], true);
+    assert_eq!(line["unlisted"], serde_json::json!([]));
+    let compared = line["compared"].as_u64().unwrap();
+    assert_eq!(compared + 1, files(&desk.path("bag")).len() as u64);
+    // More than BagIt asks for is allowed, and nothing vouches for it.
+    std::fs::create_dir(desk.path("bag/more")).unwrap();
+    std::fs::write(desk.path("bag/more/word.txt"), "trust me").unwrap();
+    let extra = "more/word.txt was not checked, because no list has its digest; BagIt allows";
+    let line = verified(3, &["each file that the lists name is as listed", extra]);
+    assert_eq!(line["whole"], true);
+    assert_eq!(line["unlisted"], serde_json::json!(["more/word.txt"]));
+    std::fs::remove_dir_all(desk.path("bag/more")).unwrap();
+    for name in ["bag-info.txt", "tagmanifest-sha512.txt"] {
+        std::fs::remove_file(desk.path("bag").join(name)).unwrap();
+    }
+    let line = verified(3, &["no tagmanifest-sha512.txt", "no bag-info.txt"]);
+    assert_eq!(line["whole"], true);
+    assert_eq!(line["tag_manifest"], false);
+    // What the lists name is damaged: this counts more.
+    std::fs::write(desk.path("bag/data/README.txt"), "").unwrap();
+    assert_eq!(
+        verified(1, &["data/README.txt was changed"])["whole"],
+        false
+    );
+}

@@ -43,6 +43,10 @@ fn a_package_is_whole_and_is_never_replaced() {
     fs::write(folder.path().join("file"), "").unwrap();
     let target = bag(folder.path());
     assert!(matches!(Bag::create(&target), Err(Error::Exists(_))));
+    let checked = verify(&target).unwrap();
+    assert!(checked.is_all_listed());
+    // Three under `data/`, and three of the four beside it: the list of tags cannot list itself.
+    assert_eq!((checked.compared, checked.unchecked), (6, Vec::new()));
     let info = fs::read_to_string(target.join("bag-info.txt")).unwrap();
     assert_eq!(
         info,
@@ -167,6 +171,11 @@ fn packages_of_other_programs_are_checked_as_far_as_possible() {
         extra.contains(&"data/again.txt is not listed".into()),
         "{extra:?}"
     );
+    assert_eq!(
+        checked.unlisted,
+        ["manifest-md5.txt", "manifest-sha256.txt", "thumbs.db"]
+    );
+    assert!(checked.has_tag_manifest && !checked.is_all_listed());
     fs::remove_file(&sha256).unwrap();
     assert_eq!(verify(&target).unwrap().findings, []);
     // Lines may end as they did on old machines.
@@ -182,6 +191,12 @@ fn packages_of_other_programs_are_checked_as_far_as_possible() {
         unchecked.contains("bag-info.txt was not checked"),
         "{unchecked}"
     );
+    assert!(
+        unchecked.contains("no tagmanifest-sha512.txt"),
+        "{unchecked}"
+    );
+    assert!(!checked.has_tag_manifest && !checked.is_all_listed());
+    assert_eq!(checked.compared, 3);
 }
 
 #[test]

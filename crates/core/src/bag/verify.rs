@@ -4,7 +4,7 @@
 use super::Error;
 use super::manifest::{Algorithm, parse};
 use crate::words::printable;
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::fs::{self, File};
 use std::io::Read;
 use std::path::{Path, PathBuf};
@@ -13,6 +13,8 @@ use std::path::{Path, PathBuf};
 const LARGEST_LIST: u64 = 64 << 20;
 /// Deepest folder that is looked into.
 const DEEPEST: usize = 32;
+/// The file that describes a package.
+const INFO: &str = "bag-info.txt";
 /// Most files that a package may have.
 const MOST_FILES: usize = 1_000_000;
 
@@ -75,6 +77,20 @@ pub struct Checked {
     pub findings: Vec<Finding>,
     /// What was not checked, and why.
     pub unchecked: Vec<String>,
+    /// How many files were compared with their digests.
+    pub compared: usize,
+    /// Files outside `data/` of which no list has a digest: nothing shows whether somebody changed or added them.
+    pub unlisted: Vec<String>,
+    /// Whether there is a list of the files outside `data/` whose digests were computed. Without one, anybody can have
+    /// removed such files, or changed the list of the payload together with the payload.
+    pub has_tag_manifest: bool,
+}
+
+impl Checked {
+    /// Whether lists vouch for all files of the package, and for the lists of the payload.
+    pub fn is_all_listed(&self) -> bool {
+        self.has_tag_manifest && self.unlisted.is_empty()
+    }
 }
 
 /// Checks the package in a folder.
@@ -84,7 +100,7 @@ pub struct Checked {
 pub fn verify(folder: &Path) -> Result<Checked, Error> {
     let of = |findings| Checked {
         findings,
-        unchecked: Vec::new(),
+        ..Checked::default()
     };
     let mut tree = Tree::default();
     tree.walk(folder, "", 0)?;
@@ -95,8 +111,10 @@ pub fn verify(folder: &Path) -> Result<Checked, Error> {
         Ok(lists) => lists,
         Err(finding) => return Ok(of(vec![finding])),
     };
-    let unchecked = unchecked(&tree.files, &lists);
+    let unlisted = unlisted(&tree.files, &lists);
+    let unchecked = unchecked(&tree.files, &lists, &unlisted);
     let mut findings = Vec::new();
+    let mut compared = BTreeSet::new();
     for path in tree.files.keys().filter(|path| path.starts_with("data/")) {
         let is_listed = |list: &List| !list.of_payload || list.files.contains_key(path);
         if !lists.iter().all(is_listed) {
@@ -115,6 +133,7 @@ pub fn verify(folder: &Path) -> Result<Checked, Error> {
                 .algorithm
                 .digest(&mut file)
                 .map_err(Error::io(folder))?;
+            compared.insert(path);
             if found != *digest {
                 findings.push(Finding::Changed { path: path.clone() });
             }
@@ -126,6 +145,9 @@ pub fn verify(folder: &Path) -> Result<Checked, Error> {
     Ok(Checked {
         findings,
         unchecked,
+        compared: compared.len(),
+        unlisted,
+        has_tag_manifest: lists.iter().any(|list| !list.of_payload),
     })
 }
 
@@ -141,8 +163,17 @@ fn is_list(name: &str) -> Option<bool> {
     }
 }
 
-/// What no list with digests that can be computed here vouches for.
-fn unchecked(files: &BTreeMap<String, u64>, lists: &[List]) -> Vec<String> {
+/// The files outside `data/` of which no list with digests that can be computed here has one. A list of tags cannot
+/// list itself.
+fn unlisted(files: &BTreeMap<String, u64>, lists: &[List]) -> Vec<String> {
+    let is_tag = |name: &&String| !name.starts_with("data/") && is_list(name) != Some(false);
+    let is_vouched_for = |name: &String| lists.iter().any(|list| list.files.contains_key(name));
+    let tags = files.keys().filter(is_tag);
+    tags.filter(|name| !is_vouched_for(name)).cloned().collect()
+}
+
+/// What was not checked, in words.
+fn unchecked(files: &BTreeMap<String, u64>, lists: &[List], unlisted: &[String]) -> Vec<String> {
     let mut words = Vec::new();
     for name in files.keys().filter(|name| is_list(name).is_some()) {
         if !lists.iter().any(|list| list.name == *name) {
@@ -152,16 +183,21 @@ fn unchecked(files: &BTreeMap<String, u64>, lists: &[List]) -> Vec<String> {
             ));
         }
     }
-    // A list of tags cannot list itself.
-    let is_tag = |name: &&String| !name.starts_with("data/") && is_list(name) != Some(false);
-    let is_vouched_for = |name: &String| lists.iter().any(|list| list.files.contains_key(name));
-    for name in files
-        .keys()
-        .filter(is_tag)
-        .filter(|name| !is_vouched_for(name))
-    {
+    if lists.iter().all(|list| list.of_payload) {
+        words.push(
+            "there is no tagmanifest-sha512.txt or tagmanifest-sha256.txt: nothing shows whether files beside data/ were \
+             removed, or whether the list of the files in data/ was changed with them; BagIt allows that"
+                .into(),
+        );
+    }
+    if !files.contains_key(INFO) {
         words.push(format!(
-            "{} was not checked, because no list has its digest",
+            "there is no {INFO}: the amount of the files in data/ was not compared with it; BagIt allows that"
+        ));
+    }
+    for name in unlisted {
+        words.push(format!(
+            "{} was not checked, because no list has its digest; BagIt allows such files beside data/",
             printable(name)
         ));
     }
@@ -320,7 +356,7 @@ fn text(folder: &Path, files: &BTreeMap<String, u64>, name: &str) -> Result<Opti
 
 /// Whether the bytes and files under `data/` are as many as `bag-info.txt` says.
 fn oxum(folder: &Path, files: &BTreeMap<String, u64>) -> Result<Option<Finding>, Error> {
-    let info = text(folder, files, "bag-info.txt")?.unwrap_or_default();
+    let info = text(folder, files, INFO)?.unwrap_or_default();
     let Some(said) = info
         .lines()
         .find_map(|line| line.strip_prefix("Payload-Oxum:"))
@@ -334,6 +370,6 @@ fn oxum(folder: &Path, files: &BTreeMap<String, u64>) -> Result<Option<Finding>,
     let found = format!("{bytes}.{count}");
     let said = said.trim();
     Ok((said != found).then(|| Finding::Oxum {
-        words: format!("data/ has {found} (bytes.files), but bag-info.txt says {said:?}"),
+        words: format!("data/ has {found} (bytes.files), but {INFO} says {said:?}"),
     }))
 }
