@@ -695,3 +695,35 @@ fn a_package_is_called_intact_only_if_lists_vouch_for_all_of_it() {
         false
     );
 }
+
+#[test]
+fn objects_whose_names_become_the_same_keep_a_folder_each() {
+    let desk = Desk::new();
+    fuse(&desk);
+    let made = desk.path("out/ball/ball-000.object");
+    let report = std::fs::read_to_string(made.join("report.json")).unwrap();
+    for (folder, digest) in [("A%3C.object", "first"), ("A_3C.object", "second")] {
+        let folder = desk.path("out/ball").join(folder);
+        std::fs::create_dir(&folder).unwrap();
+        for file in ["model.glb", "model.ply", "preview.png"] {
+            std::fs::copy(made.join(file), folder.join(file)).unwrap();
+        }
+        let report = report.replacen("\"digest\": \"", &format!("\"digest\": \"{digest} "), 1);
+        std::fs::write(folder.join("report.json"), report).unwrap();
+    }
+    desk.done(&["archive", "ball", "-o", "bag"]);
+    let bag = files(&desk.path("bag"));
+    for (name, digest) in [("A_3C", "first"), ("A_3C-2", "second")] {
+        let path = format!("data/models/ball/{name}.object/report.json");
+        let report: Value = serde_json::from_slice(&bag[&path]).unwrap();
+        assert!(report["digest"].as_str().unwrap().starts_with(digest));
+        let path = format!("data/paradata/ball/{name}.object.json");
+        let sheet: Value = serde_json::from_slice(&bag[&path]).unwrap();
+        assert_eq!(
+            sheet["data"]["models"],
+            format!("models/ball/{name}.object")
+        );
+        assert_eq!(sheet["processing"]["method"]["digest"], report["digest"]);
+    }
+    assert!(desk.run(&["verify", "bag"]).status.success());
+}

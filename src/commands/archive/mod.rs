@@ -194,7 +194,7 @@ impl Packing<'_> {
             .unwrap_or_default()
             .to_string_lossy()
             .into_owned();
-        let name = self.free_name(&safe(&stem));
+        let name = free_name(&mut self.names, &safe(&stem), "");
         let recording = chosen.session.recording();
         let file = RecordingFile::of(recording, name)?;
         self.add_recording(chosen, &file)?;
@@ -210,10 +210,12 @@ impl Packing<'_> {
                 chosen.path.display()
             )),
         }
+        let mut folders = BTreeSet::new();
         for capture in &chosen.captures {
+            folders.insert(capture.summary.id.as_str().to_lowercase());
             self.add_capture(chosen, &stem, &file, capture)?;
         }
-        self.add_objects(&stem, &file.name)
+        self.add_objects(&stem, &file.name, folders)
     }
 
     /// Adds a recording with the files beside it, and says what is wrong with it.
@@ -324,8 +326,14 @@ impl Packing<'_> {
         None
     }
 
-    /// Adds the models of several captures, if the package has all of their captures.
-    fn add_objects(&mut self, stem: &str, name: &str) -> anyhow::Result<()> {
+    /// Adds the models of several captures, if the package has all of their captures. `folders` has the names that the
+    /// recording's models have in the package.
+    fn add_objects(
+        &mut self,
+        stem: &str,
+        name: &str,
+        mut folders: BTreeSet<String>,
+    ) -> anyhow::Result<()> {
         let objects = models::of_objects(&self.models.join(stem), &self.kept);
         for problem in objects.unknown {
             self.leave_out_object(&problem);
@@ -340,7 +348,14 @@ impl Packing<'_> {
             } else if let Some(problem) = models::problem(&object.folder, &object.report) {
                 self.leave_out_object(&problem);
             } else {
-                self.add_object(&object, name)?;
+                // Letters that not every system takes become the same one.
+                let folder = safe(&models::file_name(&object.folder));
+                let subject = folder.strip_suffix(models::OBJECT);
+                let model = match subject {
+                    Some(subject) => free_name(&mut folders, subject, models::OBJECT),
+                    None => free_name(&mut folders, &folder, ""),
+                };
+                self.add_object(&object, name, &model)?;
             }
         }
         Ok(())
@@ -354,7 +369,7 @@ impl Packing<'_> {
         ));
     }
 
-    fn add_object(&mut self, object: &ObjectModel, name: &str) -> anyhow::Result<()> {
+    fn add_object(&mut self, object: &ObjectModel, name: &str, model: &str) -> anyhow::Result<()> {
         let of = |key: &(String, String)| self.decisions.get(key).cloned().unwrap_or_default();
         let captures: Vec<_> = object.captures.iter().map(|key| (key, of(key))).collect();
         // The report of a model of several says nothing of any one.
@@ -362,11 +377,9 @@ impl Packing<'_> {
             [(_, only)] => only.clone(),
             _ => CaptureNotes::default(),
         };
-        let folder = models::file_name(&object.folder);
-        let model = safe(&folder);
         let sheet = paradata::of_object(&object.report, &captures, &format!("{name}/{model}"));
-        self.add_model(&object.folder, name, &model, &notes)?;
-        self.add_sheet(name, &model, &sheet)
+        self.add_model(&object.folder, name, model, &notes)?;
+        self.add_sheet(name, model, &sheet)
     }
 
     /// Adds a model's files. Report and preview are marked with these notes: people may have said more since they were
@@ -405,14 +418,14 @@ impl Packing<'_> {
         self.warnings
             .push(format!("{path}: {why}; the package does not have it"));
     }
+}
 
-    /// A name that no other recording has in the package.
-    fn free_name(&mut self, name: &str) -> String {
-        let numbered = (2..).map(|number| format!("{name}-{number}"));
-        let mut names = std::iter::once(name.to_owned()).chain(numbered);
-        let free = names.find(|name| self.names.insert(name.to_lowercase()));
-        free.unwrap_or_default()
-    }
+/// A name with this ending that is not among `names`, which it joins. Some disks ignore case.
+fn free_name(names: &mut BTreeSet<String>, stem: &str, ending: &str) -> String {
+    let numbered = (2..).map(|number| format!("{stem}-{number}{ending}"));
+    let mut candidates = std::iter::once(format!("{stem}{ending}")).chain(numbered);
+    let free = candidates.find(|name| names.insert(name.to_lowercase()));
+    free.unwrap_or_default()
 }
 
 /// A file's name that every system takes.
