@@ -19,8 +19,8 @@ pub struct Args {
     json: bool,
 }
 
-/// Checks each package. The exit code is 1 if one is not intact, and otherwise 3 if one has files that no list vouches for,
-/// or may have lost some.
+/// Checks each package. The exit code is 1 if one is not intact, and otherwise 3 if one has files that no list vouches
+/// for, or may have lost some.
 ///
 /// # Errors
 /// None: a package that cannot be read is reported here, and the next one is checked.

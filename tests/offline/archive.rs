@@ -518,7 +518,7 @@ fn a_folder_with_a_part_of_a_model_is_not_called_empty() {
     for name in ["model.glb", "model.ply", "report.json"] {
         let bytes = std::fs::read(folder.join(name)).unwrap();
         std::fs::remove_file(folder.join(name)).unwrap();
-        let words = format!("{name}: the file is missing: the model is left out");
+        let words = format!("{name}: the file is missing; the model is left out");
         is_left_out(&desk, &format!("without-{name}"), &[words.as_str()]);
         std::fs::write(folder.join(name), bytes).unwrap();
     }
@@ -638,6 +638,9 @@ fn what_a_recovery_could_not_use_goes_with_its_recording() {
     assert_eq!(data["rescued_bytes"], rescued);
     let words = data["cut_off"].as_str().unwrap();
     assert!(words.contains("scand recover completed"), "{words}");
+    let lost: Value = serde_json::from_slice(&bag["data/paradata/cut/ball-001.json"]).unwrap();
+    let outcome = lost["capture"]["outcome"].as_str().unwrap();
+    assert!(outcome.contains("no frame"), "{outcome}");
     // Where a link leads, nobody knows.
     std::fs::remove_file(desk.path("cut.mcap.tail")).unwrap();
     std::os::unix::fs::symlink("ball.mcap", desk.path("cut.mcap.tail")).unwrap();

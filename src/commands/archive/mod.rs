@@ -95,8 +95,8 @@ const DOCUMENTS: [(&str, &str); 7] = [
     ),
 ];
 
-/// Makes the package. The exit code is 3 if a recording in it is damaged, one that was to be searched cannot be read, or
-/// a file that belongs into it is left out because something is wrong with it.
+/// Makes the package. The exit code is 3 if a recording in it is damaged, one that was to be searched cannot be read,
+/// or a file that belongs into it is left out because something is wrong with it.
 ///
 /// # Errors
 /// If nothing has one of the names, a recording is not complete, or a file cannot be read or written.
@@ -317,7 +317,10 @@ impl Packing<'_> {
             }
             FoundModel::Broken(problem) => {
                 self.damaged = true;
-                format!("{problem}: the model is left out")
+                self.warnings.push(format!(
+                    "{id}: {problem}; the model is left out, the package has the recording"
+                ));
+                return None;
             }
             FoundModel::Nothing => format!("no model is in {}", folder.display()),
         };
@@ -365,7 +368,7 @@ impl Packing<'_> {
     fn leave_out_object(&mut self, problem: &str) {
         self.damaged = true;
         self.warnings.push(format!(
-            "{problem}: the model of several captures is left out"
+            "{problem}; the model of several captures is left out"
         ));
     }
 

@@ -95,6 +95,6 @@ fn contradiction(stated: &Stated, report: &Value) -> Option<String> {
         ("triangles", Some(stated.triangles)),
         ("vertices", stated.vertices),
     ];
-    let texts = TEXTS.iter().find_map(|name| text(&name));
+    let texts = TEXTS.iter().find_map(text);
     texts.or_else(|| counts.into_iter().find_map(count))
 }

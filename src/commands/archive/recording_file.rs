@@ -1,5 +1,5 @@
-//! What is known of a recording's file when all of it was read: its damage, whether its end is missing, the bytes that a
-//! recovery could not use, and which pictures of a capture cannot be read. Nothing is written here.
+//! What is known of a recording's file when all of it was read: its damage, whether its end is missing, the bytes that
+//! a recovery could not use, and which pictures of a capture cannot be read. Nothing is written here.
 
 use super::model_files::no_file;
 use crate::capture::{CaptureSession, CaptureSummary};
@@ -84,14 +84,14 @@ impl RecordingFile {
         }
     }
 
-    /// Why not all pictures of a capture can be read. Only a recording with damage is asked: the pictures of another
-    /// one are as they were recorded.
+    /// Why not all pictures of a capture can be read. Only a recording that is damaged, or was cut off, is asked: the
+    /// pictures of another one are as they were recorded.
     pub(super) fn unread_pictures(
         &self,
         session: &CaptureSession,
         capture: &CaptureSummary,
     ) -> Option<String> {
-        if self.damage.is_empty() {
+        if self.damage.is_empty() && self.cut_off().is_none() {
             return None;
         }
         match session.load(&capture.id) {
