@@ -13,6 +13,8 @@ use std::path::{Path, PathBuf};
 const LARGEST_LIST: u64 = 64 << 20;
 /// Deepest folder that is looked into.
 const DEEPEST: usize = 32;
+/// The file that says that a folder is a package.
+const DECLARATION: &str = "bagit.txt";
 /// The file that describes a package.
 const INFO: &str = "bag-info.txt";
 /// Most files that a package may have.
@@ -196,8 +198,13 @@ fn unchecked(files: &BTreeMap<String, u64>, lists: &[List], unlisted: &[String])
         ));
     }
     for name in unlisted {
+        let is_of_bagit = [DECLARATION, INFO].contains(&name.as_str()) || is_list(name).is_some();
+        let allowed = match is_of_bagit {
+            true => "",
+            false => "; BagIt allows more files beside data/",
+        };
         words.push(format!(
-            "{} was not checked, because no list has its digest; BagIt allows such files beside data/",
+            "{} was not checked, because no list has its digest{allowed}",
             printable(name)
         ));
     }
@@ -270,7 +277,7 @@ fn lists(
         let words = "fetch.txt names files on other machines, which are never fetched";
         return Ok(Err(refused(words)));
     }
-    if let Some(words) = problem_of_declaration(text(folder, files, "bagit.txt")?.as_deref()) {
+    if let Some(words) = problem_of_declaration(text(folder, files, DECLARATION)?.as_deref()) {
         return Ok(Err(refused(words)));
     }
     let mut lists = Vec::new();
