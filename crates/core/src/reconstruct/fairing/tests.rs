@@ -250,7 +250,7 @@ fn ball_with_rod(camera: &Camera, rod: f64) -> Grid<u8> {
 fn a_part_that_is_thinner_than_the_cells_of_the_fairing_stays() {
     let cameras = ring(10, 640);
     let of = |rod| -> Vec<_> { cameras.iter().map(|c| ball_with_rod(c, rod)).collect() };
-    let (plain, thin) = faired(&cameras, &of(0.0012));
+    let (plain, thin) = faired(&cameras, &of(0.0008));
     let top = |mesh: &Mesh| mesh.vertices.iter().map(|v| v.z).fold(0.0, f32::max);
     assert!(top(&plain) > 0.078, "{}", top(&plain));
     match thin {
