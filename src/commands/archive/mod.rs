@@ -403,11 +403,11 @@ impl Packing<'_> {
             let place = format!("models/{name}/{model}/{file}");
             let path = folder.join(file);
             match (file, &report, &preview) {
-                (models::REPORT, Some(bytes), _) | (models::PREVIEW, _, Some(bytes)) => {
+                (model_files::REPORT, Some(bytes), _) | (models::PREVIEW, _, Some(bytes)) => {
                     self.bag.put(&place, bytes)?;
                 }
                 _ if models::is_file_itself(&path) => self.bag.put_file(&place, &path)?,
-                _ if path.is_symlink() => self.leave_out(&path, models::IS_LINK),
+                _ if path.is_symlink() => self.leave_out(&path, model_files::IS_LINK),
                 _ => {}
             }
         }

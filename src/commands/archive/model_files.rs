@@ -1,13 +1,18 @@
 //! Reads the two files of a model, and compares what they state of themselves with the model's report. Nothing is
 //! written here, and no link is followed.
 
-use super::models::{GLB, IS_LINK, PLY, REPORT};
 use crate::evaluate::load::load_ply_with_comments;
 use crate::export;
 use serde_json::Value;
 use std::collections::BTreeMap;
 use std::io::ErrorKind;
 use std::path::Path;
+
+pub(super) const GLB: &str = "model.glb";
+pub(super) const PLY: &str = "model.ply";
+pub(super) const REPORT: &str = "report.json";
+/// Why a file of a model is left out.
+pub(super) const IS_LINK: &str = "it is a link, which may lead to anything";
 
 /// What both files state as text, by the names that these have in the report's description.
 const TEXTS: [&str; 3] = ["capture", "input_sha256", "calibration_sha256"];

@@ -1,7 +1,7 @@
 //! Finds the models that belong to the captures of a package, and checks from what they were made. Nothing is written
 //! here.
 
-use super::model_files;
+use super::model_files::{self, GLB, PLY, REPORT};
 use super::select::{ChosenCapture, SelectedCaptures};
 use crate::capture::{CaptureSession, CaptureSummary, calibration_digest, input_digest};
 use crate::recording::finished_name;
@@ -12,10 +12,7 @@ use std::path::{Path, PathBuf};
 
 /// The files of a model's folder.
 pub(super) const FILES: [&str; 4] = [GLB, PLY, PREVIEW, REPORT];
-pub(super) const GLB: &str = "model.glb";
-pub(super) const PLY: &str = "model.ply";
 pub(super) const PREVIEW: &str = "preview.png";
-pub(super) const REPORT: &str = "report.json";
 /// Bytes of the longest report that is read.
 const LONGEST_REPORT: u64 = 16 << 20;
 /// The ending of the folder of a model of several captures.
@@ -103,9 +100,6 @@ pub(super) enum FoundModel {
     /// Nothing.
     Nothing,
 }
-
-/// Why a file of a model is left out.
-pub(super) const IS_LINK: &str = "it is a link, which may lead to anything";
 
 /// Whether a path is that of a file, and not of a link to one.
 pub(super) fn is_file_itself(path: &Path) -> bool {
