@@ -9,10 +9,10 @@ mod long {
     #[test]
     fn six_captures_of_eleven_colour_and_eleven_depth_cameras_are_one_scene_of_66_each() {
         let words = "upright,flip,side:35,turn:90,side:200,turn:200";
-        let mut options = session(Shape::Mug, false, 480, words, 3);
+        let mut options = session(Shape::Mug, false, 640, words, 3);
         options.masks = true;
         options.depth_cameras = 11;
-        (options.depth.frames, options.depth.color_every) = (4, 4);
+        (options.depth.frames, options.depth.color_every) = (10, 10);
         options.faults.calibration_px = 0.0;
         let recorded = Recorded::new(options);
         let fused = with_true_poses(&recorded);
