@@ -158,20 +158,8 @@ impl<'a> Probe<'a> {
 
     #[inline]
     fn value_of(&self, condition: &Condition, along: f64) -> f64 {
-        match *condition {
-            Condition::Cone {
-                target,
-                outline,
-                from,
-                step,
-                height,
-                rise,
-            } => {
-                self.targets[target].body.outlines[outline].value(from + step * along)
-                    + doubt(height + rise * along)
-            }
-            Condition::Table { height, rise, .. } => height + rise * along,
-        }
+        let value = self.value_below(f64::INFINITY, condition, along);
+        value.unwrap_or(f64::INFINITY)
     }
 
     /// The value of a condition where it is below a limit.
@@ -190,8 +178,8 @@ impl<'a> Probe<'a> {
                 let doubt = doubt(height + rise * along);
                 outline.sum_below(limit, from + step * along, doubt)
             }
-            Condition::Table { .. } => {
-                Some(self.value_of(condition, along)).filter(|&value| value < limit)
+            Condition::Table { height, rise, .. } => {
+                Some(height + rise * along).filter(|&value| value < limit)
             }
         }
     }
