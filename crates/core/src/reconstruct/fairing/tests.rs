@@ -229,6 +229,43 @@ fn contours_that_contradict_each_other_leave_the_hull() {
     assert!(inside < above(&plain, 0.02, off).0 + 0.2e-3, "{inside}");
 }
 
+/// A ball with a rod that stands on it, of so many metres in radius.
+fn ball_with_rod(camera: &Camera, rod: f64) -> Grid<u8> {
+    let [from, to] = [BALL.z, 0.08].map(|z| Point3::new(0.0031, 0.0017, z));
+    let points = (0..=60).map(|i| from + (to - from) * (f64::from(i) / 60.0));
+    let points: Vec<_> = points.map(|p| camera.project(p).unwrap()).collect();
+    let pixel = (BALL - camera.center()).norm() / camera.intrinsics.focal_px.x;
+    let ball = ball(camera, 0.02);
+    let lens = &camera.intrinsics;
+    let rod = silhouette(camera, |p| {
+        let along = points.iter().map(|(q, _)| (p - q).norm());
+        rod / pixel - along.fold(f64::INFINITY, f64::min)
+    });
+    Grid::from_fn(lens.width, lens.height, |x, y| {
+        ball[(x, y)].max(rod[(x, y)])
+    })
+}
+
+#[test]
+fn a_part_that_is_thinner_than_the_cells_of_the_fairing_keeps_the_hull() {
+    let cameras = ring(6, 640);
+    let levels: Vec<_> = cameras.iter().map(|c| ball_with_rod(c, 0.0006)).collect();
+    let hull = hull_of(&cameras, &levels);
+    let parameters = hull::Parameters {
+        resolution: 160.0,
+        ..hull::Parameters::default()
+    };
+    let lattice = hull::lattice(&hull, &parameters).unwrap();
+    let plain = hull::extract(&hull, &lattice, &parameters).unwrap();
+    let mesh = plain.surface.mesh;
+    let top = mesh.vertices.iter().map(|v| v.z).fold(0.0, f32::max);
+    assert!(top > 0.078, "{top}");
+    match fair_hull(&hull, &lattice, &mesh, &parameters) {
+        Err(Refusal::ThinPart { distance }) => assert!(distance > 0.01, "{distance}"),
+        other => panic!("{:?}", other.map(|faired| faired.facts)),
+    }
+}
+
 #[test]
 fn an_object_of_few_pixels_keeps_its_hull() {
     let cameras = ring(7, 320);
