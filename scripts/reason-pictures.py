@@ -156,9 +156,26 @@ def cut(home):
 
 
 def misspelt(home):
-    """Names a calibration's topic wrongly, and leaves out the checksums that would show it."""
+    """Names a calibration's topic wrongly."""
+    return changed(home, lambda data: data.replace(b"/color/c05/calibration", b"/color/c05/kalibration"))
+
+
+def low(home):
+    """The volume ends at half the height of the object."""
+
+    def halved(found):
+        height = found[2].decode()
+        return found[1] + f"{0.5 * float(height):.15f}"[: len(height)].ljust(len(height), "0").encode() + b"]"
+
+    return changed(home, lambda data: re.sub(rb'("max":\[[^],]*,[^],]*,)([0-9.]*)\]', halved, data))
+
+
+def changed(home, change):
+    """Changes the recording, of the same length, and leaves out the checksums that would show it."""
     recording = home / "a.mcap"
-    data = bytearray(recording.read_bytes().replace(b"/color/c05/calibration", b"/color/c05/kalibration"))
+    before = recording.read_bytes()
+    data = bytearray(change(before))
+    assert len(data) == len(before) and data != before
     # The checksums of chunks, of the data and of the summary, by their records' opcodes.
     checksums, at = {0x06: 24, 0x0F: 0, 0x02: 16}, 8
     while at < len(data) - 8:
@@ -209,6 +226,7 @@ def focal(home, cameras):
 FAULTS = {
     "cut": cut,
     "misspelt": misspelt,
+    "low": low,
     "foreign": foreign,
     "exchanged": exchanged,
     "short": short,
@@ -264,6 +282,7 @@ CASES = [
     ("calibration_foreign", "outlines", ["--shape", "mug", *HULL], "foreign"),
     ("cameras_exchanged", "outlines", ["--shape", "mug", *HULL], "exchanged"),
     ("frame_cut", "outlines", ["--shape", "cup", *HULL, "--cut-off", "c03=0.3"], []),
+    ("volume_cut", "above", ["--shape", "cup"], "low"),
     ("silhouette_uncovered", "outlines", ["--shape", "cup", *HULL, "--blurred", "c04=5"], []),
     ("overexposed", "outlines", ["--shape", "cup", *HULL, "--overexposed", "c01=3"], []),
     ("underexposed", "views", ["--shape", "cup", *HULL, "--masks", "--overexposed", "c00=-14", "--read-noise", "0"], []),

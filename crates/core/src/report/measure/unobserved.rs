@@ -1,20 +1,25 @@
 //! Measures how much of a model's surface nothing observed: places that neither an outline nor a reading determines.
 
+use crate::calibration::Volume;
 use crate::mesh::Mesh;
 use crate::reconstruct::uncertainty::{Readings, beneath, may_be_lid};
 use crate::reconstruct::{Model, Provenance, Reconstruction, Scene};
-use nalgebra::Vector3;
+use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
 use serde::Serialize;
 
 /// Metres beneath the hull from which on a surface that a depth camera read there shows that the hull's is none.
 const SEEN_THROUGH: f64 = 0.01;
+/// Cells within which a vertex lies on the volume's side.
+const ON_SIDE_CELLS: f64 = 0.5;
 
 /// Shares of the model's area, without the face on the table.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
 pub struct UnobservedMeasures {
     /// Of the parts that nothing saw, because they lie in concave regions or because the volume cuts the object there.
     pub guessed: f64,
+    /// Of those of them that the volume bounds, above the table: no outline shows that the object ends there.
+    pub cut_by_volume: f64,
     /// Of the parts of the hull that face up and that no depth camera read: each may be the lid over a hollow.
     pub lids: f64,
     /// Of the parts of the hull that a depth camera saw through: it read the surface more than a centimetre beneath.
@@ -33,12 +38,20 @@ impl UnobservedMeasures {
                 regions: &found.regions,
             })
             .collect();
-        Self::of_model(&made.model, &readings)
+        let within = ON_SIDE_CELLS * made.cell_size;
+        let is_on_side = |p| is_on_side(&scene.volume, p, within);
+        Self::of_model(&made.model, &readings, is_on_side)
     }
 
-    fn of_model(model: &Model, readings: &[Readings]) -> Self {
+    /// `is_on_side` says whether a point lies on a side of the volume.
+    fn of_model(
+        model: &Model,
+        readings: &[Readings],
+        is_on_side: impl Fn(Point3<f64>) -> bool + Sync,
+    ) -> Self {
         let place = |vertex: usize| match model.provenance[vertex] {
             Provenance::Table => Place::Table,
+            Provenance::Unseen if is_on_side(model.mesh.vertices[vertex].cast()) => Place::Cut,
             Provenance::Unseen => Place::Guessed,
             Provenance::Hull => of_hull(model, vertex, readings),
             _ => Place::Observed,
@@ -50,10 +63,11 @@ impl UnobservedMeasures {
         let [
             mut whole,
             mut guessed,
+            mut cut_by_volume,
             mut lids,
             mut seen_through,
             mut under_lids,
-        ] = [0.0; 5];
+        ] = [0.0; 6];
         for (triangle, corners) in model.mesh.triangles.iter().enumerate() {
             let normal = normal(&model.mesh, triangle);
             let third = normal.norm() / 3.0;
@@ -61,6 +75,7 @@ impl UnobservedMeasures {
                 match places[vertex] {
                     Place::Table => continue,
                     Place::Guessed => guessed += third,
+                    Place::Cut => cut_by_volume += third,
                     Place::Lid => {
                         lids += third;
                         let height = f64::from(model.mesh.vertices[vertex].z) - table;
@@ -74,7 +89,8 @@ impl UnobservedMeasures {
         }
         let share = |part: f64| if whole > 0.0 { part / whole } else { 0.0 };
         Self {
-            guessed: share(guessed),
+            guessed: share(guessed + cut_by_volume),
+            cut_by_volume: share(cut_by_volume),
             lids: share(lids),
             seen_through: share(seen_through),
             under_lids,
@@ -86,6 +102,7 @@ impl UnobservedMeasures {
 enum Place {
     Table,
     Guessed,
+    Cut,
     Lid,
     SeenThrough,
     Observed,
@@ -101,6 +118,12 @@ fn of_hull(model: &Model, vertex: usize, readings: &[Readings]) -> Place {
         Some(way) if way > SEEN_THROUGH => Place::SeenThrough,
         _ => Place::Observed,
     }
+}
+
+/// Whether a point lies on one of the volume's sides or on its top, to within so many metres.
+fn is_on_side(volume: &Volume, p: Point3<f64>, within: f64) -> bool {
+    let (above, below) = (p - volume.min, volume.max - p);
+    above.xy().min().min(below.min()) < within
 }
 
 /// A triangle's normal, as long as its area.
@@ -136,15 +159,26 @@ mod tests {
             model.normals.extend([normal; 4]);
             model.provenance.extend([provenance; 4]);
         }
-        let found = UnobservedMeasures::of_model(&model, &[]);
+        let found = UnobservedMeasures::of_model(&model, &[], |_| false);
         let figures = [found.guessed, found.lids, found.under_lids];
         for (figure, expected) in figures.into_iter().zip([0.25, 0.25, 0.5]) {
             assert!((figure - expected).abs() < 1e-9, "{found:?}");
         }
+        // A guess is one all the same where the volume bounds it; what is known, or stands on the table, is not cut.
+        let found = UnobservedMeasures::of_model(&model, &[], |_| true);
+        assert!((found.guessed - 0.25).abs() < 1e-9 && found.cut_by_volume == found.guessed);
         assert_eq!(
-            UnobservedMeasures::of_model(&Model::default(), &[]),
+            UnobservedMeasures::of_model(&Model::default(), &[], |_| false),
             UnobservedMeasures::default()
         );
+    }
+
+    #[test]
+    fn the_volume_has_four_sides_and_a_top_and_stands_on_the_table() {
+        let volume = Volume::new(Point3::new(-1.0, -1.0, 0.0), Point3::new(1.0, 1.0, 2.0)).unwrap();
+        let on_side = |x, y, z| is_on_side(&volume, Point3::new(x, y, z), 0.01);
+        assert!(on_side(-0.995, 0.0, 1.0) && on_side(0.0, 0.995, 1.0) && on_side(0.0, 0.0, 1.995));
+        assert!(!on_side(0.0, 0.0, 0.005) && !on_side(0.98, -0.98, 1.98));
     }
 
     /// A square of 1 cm that faces up, before the readings of a depth camera above it.
@@ -160,7 +194,7 @@ mod tests {
         model.provenance = vec![Provenance::Hull; 4];
         let found = |depth| {
             let above = Above::reads(depth, 0.0, 0.0);
-            let found = UnobservedMeasures::of_model(&model, &above.readings());
+            let found = UnobservedMeasures::of_model(&model, &above.readings(), |_| false);
             [found.lids, found.seen_through]
         };
         assert_eq!(found(0.8), [0.0, 0.0]);

@@ -32,6 +32,8 @@ pub enum ReasonCode {
     SilhouetteUncovered,
     /// The frame cuts the object.
     FrameCut,
+    /// The volume cuts the object, as far as outlines tell.
+    VolumeCut,
     /// Pictures are too bright.
     Overexposed,
     /// Pictures are too dark.

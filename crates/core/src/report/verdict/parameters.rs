@@ -63,6 +63,9 @@ pub struct Parameters {
     pub uncovered: Limits,
     /// Pixels at the frame's edge that are object, as a share of the object's longest side. Default 0.02.
     pub frame_cut: Limits,
+    /// Share of the model's area, without the face on the table, that lies on a side or the top of the volume where no
+    /// outline shows that the object ends. Default 0.005.
+    pub volume_cut: Limits,
     /// Share of the object's pixels that are overexposed. Default 0.1.
     pub overexposed: Limits,
     /// Share of the object's pixels that are black. Default 0.5.
@@ -133,6 +136,7 @@ impl Default for Parameters {
             least_shift_px: 1.5,
             uncovered: Limits::amber_red(0.004, 0.15),
             frame_cut: Limits::amber(0.02),
+            volume_cut: Limits::amber(0.005),
             overexposed: Limits::amber(0.1),
             underexposed: Limits::amber(0.5),
             blur_px: Limits::amber_red(4.0, 10.0),
@@ -194,6 +198,7 @@ impl Parameters {
             ("displaced", &mut self.displaced),
             ("uncovered", &mut self.uncovered),
             ("frame_cut", &mut self.frame_cut),
+            ("volume_cut", &mut self.volume_cut),
             ("overexposed", &mut self.overexposed),
             ("underexposed", &mut self.underexposed),
             ("blur_px", &mut self.blur_px),

@@ -23,6 +23,7 @@ pub(super) fn judge(measured: &Measurements, parameters: &Parameters, into: &mut
         |v| format!("{} of its side", percent(v)),
         |names| format!("the frame cuts the object; what lies outside is only guessed: {names}"),
     ));
+    into.extend(volume_cut(measured, parameters));
     into.extend(about_cameras(
         ReasonCode::Overexposed,
         &parameters.overexposed,
@@ -94,14 +95,34 @@ fn foreign(measured: &Measurements, parameters: &Parameters) -> Option<Reason> {
     let shifts = measured.colors.iter().map(|c| c.consistency.shift_px);
     let mut shifts_px: Vec<f64> = shifts.map(|[dx, dy]| dx.hypot(dy)).collect();
     let is_seen = lower_median(&mut shifts_px).is_some_and(|px| px >= parameters.least_shift_px);
+    // Of an object that the volume cuts, the silhouettes are larger than what is left of it.
+    let or_cut = match volume_cut(measured, parameters) {
+        Some(_) => ", or the volume cuts the object",
+        None => "",
+    };
     (is_seen && least > parameters.common_shift).then(|| Reason {
         level: Level::Red,
         code: ReasonCode::CalibrationForeign,
         cameras: Vec::new(),
         words: format!(
-            "the calibration does not belong to this recording: half of the silhouettes lie {} of the object's size or more beside \
-            the model",
+            "the calibration does not belong to this recording{or_cut}: half of the silhouettes lie {} of the object's size or \
+            more beside the model",
             percent(shift)
+        ),
+    })
+}
+
+/// Parts of the surface that only the volume bounds.
+fn volume_cut(measured: &Measurements, parameters: &Parameters) -> Option<Reason> {
+    let share = measured.model.unobserved.cut_by_volume;
+    let level = parameters.volume_cut.level(share)?;
+    Some(Reason {
+        level,
+        code: ReasonCode::VolumeCut,
+        cameras: Vec::new(),
+        words: format!(
+            "the volume seems to cut the object: it bounds {} of the surface, where no outline shows that the object ends",
+            percent(share)
         ),
     })
 }

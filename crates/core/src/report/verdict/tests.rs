@@ -177,8 +177,8 @@ fn what_nothing_looked_into_and_what_is_guessed_is_to_be_looked_at_unless_a_hull
         measured.model.unobserved = UnobservedMeasures {
             guessed,
             lids,
-            seen_through: 0.0,
             under_lids: 120e-6,
+            ..UnobservedMeasures::default()
         };
         measured
     };
@@ -437,6 +437,37 @@ fn a_calibration_of_another_recording_is_red_and_named_before_what_it_brings_abo
     );
     let words = &exchanged.reasons[0].words;
     assert!(words.starts_with("c00 and c01 look exchanged"), "{words}");
+}
+
+#[test]
+fn an_object_that_the_volume_cuts_is_named_beside_a_calibration_that_may_be_to_blame() {
+    let mut measured = measured();
+    measured.model.unobserved.cut_by_volume = 0.004;
+    assert_eq!(codes(&judged(&measured, &capture()), Level::Amber), []);
+    measured.model.unobserved.cut_by_volume = 0.12;
+    let verdict = judged(&measured, &capture());
+    assert_eq!(codes(&verdict, Level::Amber), [ReasonCode::VolumeCut]);
+    let words = &verdict.reasons[0].words;
+    assert!(words.contains("it bounds 12 % of the surface"), "{words}");
+    measured.common_shift_share = 0.014;
+    measured
+        .colors
+        .iter_mut()
+        .for_each(|c| c.consistency.shift_px = [9.0, -4.0]);
+    let verdict = judged(&measured, &capture());
+    let [red, amber] = [Level::Red, Level::Amber].map(|level| codes(&verdict, level));
+    assert_eq!(
+        (red, amber),
+        (
+            vec![ReasonCode::CalibrationForeign],
+            vec![ReasonCode::VolumeCut]
+        )
+    );
+    let words = &verdict.reasons[0].words;
+    assert!(
+        words.contains(", or the volume cuts the object:"),
+        "{words}"
+    );
 }
 
 #[test]
