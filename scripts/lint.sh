@@ -23,17 +23,17 @@ has_libclang() {
 	[ -n "${LIBCLANG_PATH:-}" ] || ldconfig -p 2>/dev/null | grep -q 'libclang[-.]' || compgen -G '/usr/lib/llvm*/lib/libclang*.so*' >/dev/null
 }
 
-# Clippy of the package with these features, over the targets that cargo's options name. What it is built on is checked
-# with it, and again if features of a library that both use differ.
+# Clippy of the package with these features, and of the other packages that cargo's options name. Its tests are checked,
+# too: what they depend on gives libraries other features, and with those scand-core would be checked again.
 lint() {
 	local features=$1
 	shift
-	part "clippy, $features" "$cargo" clippy --locked --package scand "$@" --features "$features" -- -D warnings
+	part "clippy, $features" "$cargo" clippy --locked --package scand "$@" --all-targets --features "$features" -- -D warnings
 }
 
 # Clippy of the package alone, without the laboratory, with these features: what an installed program is.
 lint_installed() {
-	part "clippy, installed${1:+ with $1}" "$cargo" clippy --locked --package scand --no-default-features ${1:+--features "$1"} --lib --bins -- -D warnings
+	part "clippy, installed${1:+ with $1}" "$cargo" clippy --locked --package scand --all-targets --no-default-features ${1:+--features "$1"} -- -D warnings
 }
 
 # rustfmt leaves comments as they are.
@@ -75,26 +75,26 @@ licences
 
 # Those that need the same libraries with the same features stand together: they are checked once.
 part "clippy, default" "$cargo" clippy --locked --workspace --all-targets -- -D warnings
-lint live --all-targets
-lint pedal --lib --bins
-lint openni2 --lib --bins
+lint live
+lint pedal
+lint openni2
 lint_installed ""
-lint page --lib --bins
-lint fleet --all-targets
-lint_installed fleet
-documented=live
-if has_aravis; then
-	lint aravis --lib --bins
-else
-	skip "clippy, aravis" "pkg-config finds no aravis-0.8 (libaravis-dev)"
-fi
 if has_libclang; then
-	lint v4l2 --lib --bins
+	lint v4l2
 else
 	skip "clippy, v4l2" "there is no libclang (libclang-dev)"
 fi
+lint page
+lint fleet
+lint_installed fleet
+documented=live
+if has_aravis; then
+	lint aravis
+else
+	skip "clippy, aravis" "pkg-config finds no aravis-0.8 (libaravis-dev)"
+fi
 if has_aravis && has_libclang; then
-	lint rig,page,fleet --package scand-lab --all-targets
+	lint rig,page,fleet --package scand-lab
 	lint_installed rig,page,fleet
 	documented=rig,page,fleet
 else

@@ -100,6 +100,9 @@ mod share {
 const CONFIRMED_PX: f64 = 1.5;
 const ALONG: f64 = 0.9;
 const CONFIRMED: usize = 3;
+/// Two cameras that see a place from directions less than two degrees apart, given as a cosine, have one outline there:
+/// captures of an object that was not moved show nothing anew.
+const SAME_DIRECTION: f64 = 0.9994;
 
 /// Shares of what is expected of a faired place that is not flat.
 struct Shares {
@@ -245,20 +248,33 @@ impl Evidence<'_> {
     /// it is 0.
     fn known(&self, place: &Place) -> Option<Outlined> {
         let mut outlined = place.outlined()?;
-        let confirming = self.confirming(place, CONFIRMED_PX).take(CONFIRMED);
-        if confirming.count() == CONFIRMED {
+        if self.confirming(place, CONFIRMED_PX, CONFIRMED) == CONFIRMED {
             outlined.way_to_object = Some(0.0);
         }
         Some(outlined)
     }
 
-    /// The outlines within so many pixels of a place that run along the surface there: others belong to what stands in
-    /// front of it or behind.
-    fn confirming(&self, place: &Place, radius_px: f64) -> impl Iterator<Item = usize> + '_ {
+    /// How many outlines within so many pixels of a place run along the surface there, seen from different directions;
+    /// counted up to `most`. Outlines that run another way belong to what stands in front of the place or behind.
+    fn confirming(&self, place: &Place, radius_px: f64, most: usize) -> usize {
         let normal = place.normal.cast::<f64>();
         let outlines = self.hull.outlines_near(place.point, radius_px);
-        let along = outlines.filter(move |(_, outwards)| outwards.dot(&normal) > ALONG);
-        along.map(|(camera, _)| camera)
+        let along = outlines.filter(|(_, outwards)| outwards.dot(&normal) > ALONG);
+        let mut directions: Vec<Vector3<f64>> = Vec::with_capacity(most);
+        for (camera, _) in along {
+            let eye = self.hull.cones()[camera].camera().center();
+            let direction = (eye - place.point).normalize();
+            if directions
+                .iter()
+                .all(|other| other.dot(&direction) < SAME_DIRECTION)
+            {
+                directions.push(direction);
+            }
+            if directions.len() == most {
+                break;
+            }
+        }
+        directions.len()
     }
 
     /// What is expected at a place: what outlines let expect of the outside, or what depth cameras show it to be off if
@@ -316,8 +332,7 @@ impl Evidence<'_> {
         let rms_px = self
             .faired
             .map_or(share::USUAL_RMS_PX, |f| f.contour_rms_px);
-        let outlines = self.confirming(place, share::CONFIRMING_PX);
-        let outlines = outlines.take(share::MOST_OUTLINES).count() as f64;
+        let outlines = self.confirming(place, share::CONFIRMING_PX, share::MOST_OUTLINES) as f64;
         let fit = (rms_px / share::USUAL_RMS_PX).powf(share::POWER_OF_RMS);
         let times = fit / (1.0 + share::OF_OUTLINE * outlines);
         Shares {
@@ -440,6 +455,28 @@ mod tests {
         // Half of how far the object is at most: it is at the side.
         assert!((0.02..0.08).contains(&of_top), "{of_top}");
         assert!(of_side < 0.5 * of_top, "{of_side}");
+    }
+
+    #[test]
+    fn an_outline_that_is_seen_twice_from_one_direction_confirms_a_place_once() {
+        // A column that is 66 mm wide, which reaches from the top of the pictures to their foot.
+        let level = Grid::from_fn(200, 200, |x, _| if x.abs_diff(100) < 20 { 255 } else { 0 });
+        let eyes = [[-0.5, 0.05], [-0.5, 0.052], [-0.48, 0.19]];
+        let cameras = eyes.map(|[y, z]| camera(Point3::new(0.0, y, z)));
+        let confirming = |count: usize| {
+            let cones = cameras[..count].iter().map(|c| Cone::new(c, &level));
+            let corner = Point3::new(0.06, 0.06, 0.1);
+            let volume = Volume::new(Point3::new(-0.06, -0.06, 0.0), corner).unwrap();
+            let evidence = Evidence {
+                hull: &Hull::new(cones.collect(), volume, 1),
+                faired: None,
+                readings: Vec::new(),
+                cell_size: 1e-3,
+            };
+            let place = evidence.at(None, Point3::new(0.033, 0.0, 0.05), Vector3::x());
+            [1, 5].map(|most| evidence.confirming(&place, 3.0, most))
+        };
+        assert_eq!([1, 2, 3].map(confirming), [[1, 1], [1, 1], [1, 2]]);
     }
 
     #[test]

@@ -193,7 +193,7 @@ impl<'de> Deserialize<'de> for Parameters {
 
 impl Parameters {
     /// All pairs of limits, with their names.
-    fn limits(&mut self) -> [(&'static str, &mut Limits); 26] {
+    fn limits(&mut self) -> [(&'static str, &mut Limits); 27] {
         [
             ("displaced", &mut self.displaced),
             ("uncovered", &mut self.uncovered),
