@@ -76,7 +76,6 @@ licences
 # Those that need the same libraries with the same features stand together: they are checked once.
 part "clippy, default" "$cargo" clippy --locked --workspace --all-targets -- -D warnings
 lint live
-lint pedal
 lint openni2
 lint_installed ""
 if has_libclang; then
@@ -89,7 +88,7 @@ lint fleet
 lint_installed fleet
 documented=live
 if has_aravis; then
-	lint aravis
+	lint aravis,pedal
 else
 	skip "clippy, aravis" "pkg-config finds no aravis-0.8 (libaravis-dev)"
 fi

@@ -2,7 +2,7 @@
 import AxeBuilder from "@axe-core/playwright";
 import { renameSync } from "node:fs";
 import { enter, expect, inGerman, make, shot, sign, test } from "./fixtures.mjs";
-import { SCAND, until } from "./rig.mjs";
+import { SCAND, until, USUAL_SKEW } from "./rig.mjs";
 
 const SIGNS = [
   "away", "not_ready", "disk_full", "busy", "ready", "ready_without", "capturing", "hands_may_move", "safe", "green", "amber", "red",
@@ -145,7 +145,7 @@ test("a daemon that is away, a capture that fails, a red model and a camera that
   // Where captures are taken without cameras that are away, they are named all the same.
   await rig.stop("daemon");
   rig.options.goOn = true;
-  rig.options.skew = [400, 1000];
+  rig.options.skew = USUAL_SKEW;
   await rig.startDaemon();
   await sign(page, "ready");
   await rig.stop("cameras", "SIGKILL");
