@@ -90,6 +90,7 @@ documented=live
 if has_aravis; then
 	lint aravis,pedal
 else
+	lint pedal
 	skip "clippy, aravis" "pkg-config finds no aravis-0.8 (libaravis-dev)"
 fi
 if has_aravis && has_libclang; then
