@@ -2,6 +2,7 @@
 //! schema, and the sheet can be drawn.
 
 use nalgebra::{Vector2, Vector3};
+use scand_core::calibration::Volume;
 use scand_core::capture::CaptureFacts;
 use scand_core::description::Description;
 use scand_core::frame::{CameraId, CaptureId, Timestamp};
@@ -61,6 +62,34 @@ pub(crate) fn facts() -> CaptureFacts {
 fn judged(scene: &Scene, made: &Reconstruction) -> Verdict {
     let measured = measure(scene, made, Method::Hybrid);
     judge(&measured, &facts(), &Parameters::default())
+}
+
+#[test]
+fn a_box_that_the_volume_cuts_is_named_and_one_that_fills_it_is_not() {
+    for masks in [true, false] {
+        let options = Options {
+            shape: Shape::Box,
+            cameras: 8,
+            width: 480,
+            height: 360,
+            masks,
+            depth_cameras: 0,
+            ..Options::default()
+        };
+        let whole = Simulation::new(options).unwrap().scene(0);
+        let is_named = |change: &dyn Fn(&mut Volume)| {
+            let mut scene = whole.clone();
+            change(&mut scene.volume);
+            let mut parameters = reconstruct::Parameters::default();
+            parameters.hull.resolution = 60.0;
+            let made = reconstruct(&scene, &parameters, &NoProgress).unwrap();
+            let reasons = judged(&scene, &made).reasons;
+            reasons.iter().any(|r| r.code == ReasonCode::VolumeCut)
+        };
+        assert!(!is_named(&|_| {}), "masks {masks}");
+        assert!(is_named(&|volume| volume.max.z *= 0.6), "masks {masks}");
+        assert!(is_named(&|volume| volume.min.x *= 0.4), "masks {masks}");
+    }
 }
 
 #[test]
