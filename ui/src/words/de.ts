@@ -487,7 +487,7 @@ export const de: Words = {
   said_dropped_cut: "Stücke, die beim Schneiden nach der Tiefe abfielen, wurden weggelassen (Anzahl: {count})",
   said_exchanged: "{camera} und {other} sehen vertauscht aus: mit der Lage der jeweils anderen passen beide (jetzt fehlen {share} einer Silhouette, dann {share_then})",
   said_foreign: "die Kalibrierung gehört nicht zu dieser Aufzeichnung: die Hälfte der Silhouetten liegt um {share} der Größe des Objekts oder mehr neben dem Modell",
-  said_foreign_or_cut: "die Kalibrierung gehört nicht zu dieser Aufzeichnung, oder das Volumen schneidet das Objekt ab: die Hälfte der Silhouetten liegt um {share} der Größe des Objekts oder mehr neben dem Modell",
+  said_or_cut: "oder das Volumen schneidet das Objekt ab",
   said_displaced: "die Silhouette liegt nicht dort, wo die anderen Kameras sie erwarten lassen: {cameras}",
   said_seems_moved: "die Kamera scheint bewegt worden zu sein: ihr Bild liegt etwa {n}, {n_down} px daneben",
   said_uncovered: "dem Modell fehlen Teile der Silhouette: {cameras}",

@@ -485,7 +485,7 @@ export const en = {
   said_dropped_cut: "{count} that carving cut off {were} dropped",
   said_exchanged: "{camera} and {other} look exchanged: with each other's pose both agree (now {share} of a silhouette are uncovered, then {share_then})",
   said_foreign: "the calibration does not belong to this recording: half of the silhouettes lie {share} of the object's size or more beside the model",
-  said_foreign_or_cut: "the calibration does not belong to this recording, or the volume cuts the object: half of the silhouettes lie {share} of the object's size or more beside the model",
+  said_or_cut: "; or the volume cuts the object",
   said_displaced: "the silhouette is not where the other cameras place it: {cameras}",
   said_seems_moved: "; the camera seems to have moved: its picture is off by about {n}, {n_down} px",
   said_uncovered: "the model leaves parts of the silhouette uncovered: {cameras}",

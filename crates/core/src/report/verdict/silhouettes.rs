@@ -95,20 +95,24 @@ fn foreign(measured: &Measurements, parameters: &Parameters) -> Option<Reason> {
     let shifts = measured.colors.iter().map(|c| c.consistency.shift_px);
     let mut shifts_px: Vec<f64> = shifts.map(|[dx, dy]| dx.hypot(dy)).collect();
     let is_seen = lower_median(&mut shifts_px).is_some_and(|px| px >= parameters.least_shift_px);
+    let is_foreign = is_seen && least > parameters.common_shift;
+    if !is_foreign {
+        return None;
+    }
+    let mut words = format!(
+        "the calibration does not belong to this recording: half of the silhouettes lie {} of the object's size or more beside \
+        the model",
+        percent(shift)
+    );
     // Of an object that the volume cuts, the silhouettes are larger than what is left of it.
-    let or_cut = match volume_cut(measured, parameters) {
-        Some(_) => ", or the volume cuts the object",
-        None => "",
-    };
-    (is_seen && least > parameters.common_shift).then(|| Reason {
+    if volume_cut(measured, parameters).is_some() {
+        words += "; or the volume cuts the object";
+    }
+    Some(Reason {
         level: Level::Red,
         code: ReasonCode::CalibrationForeign,
         cameras: Vec::new(),
-        words: format!(
-            "the calibration does not belong to this recording{or_cut}: half of the silhouettes lie {} of the object's size or \
-            more beside the model",
-            percent(shift)
-        ),
+        words,
     })
 }
 
