@@ -3,6 +3,7 @@
 
 use super::contour::Contour;
 use super::shape::{Role, Shape};
+use crate::reconstruct::hull::Directions;
 use nalgebra::{Matrix3, Point2, Point3, Vector3};
 use rayon::prelude::*;
 
@@ -27,10 +28,22 @@ const CHAIN_EDGES: f64 = 3.0;
 
 /// What the cones say of one vertex.
 struct Tight {
-    /// The views whose cones are tight, with the vertex' picture in each.
-    views: Vec<(usize, [i64; 2])>,
+    /// The views whose cones are tight.
+    views: Vec<TightView>,
+    /// How many directions they see it from.
+    directions: usize,
     /// Largest angle between normals of tight cones, in radians; of those in the table's plane where it is on it.
     angle: f64,
+}
+
+/// A view whose cone is tight at a vertex.
+struct TightView {
+    /// Which one it is.
+    view: usize,
+    /// The vertex' picture in it.
+    pixel: [i64; 2],
+    /// Which of the directions it sees the vertex from.
+    direction: usize,
 }
 
 /// Gives the vertices of a hull's mesh that lie on certain edges their role. `pixel` is the size of a pixel in metres.
@@ -41,7 +54,7 @@ pub(super) fn mark(shape: &mut Shape, contours: &[Contour], pixel: f64) {
         .collect();
     let bends = |v: usize| {
         shape.moves(v)
-            && found[v].views.len() >= CONES_BESIDE
+            && found[v].directions >= CONES_BESIDE
             && found[v].angle > LEAST_ANGLE_DEG.to_radians()
     };
     let candidates: Vec<usize> = (0..shape.len()).filter(|&v| bends(v)).collect();
@@ -59,7 +72,7 @@ pub(super) fn mark(shape: &mut Shape, contours: &[Contour], pixel: f64) {
         .filter(|&v| own[v] >= OWN_CONES)
         .collect();
     for &v in &shown {
-        certain[v] = found[v].views.len() >= CONES;
+        certain[v] = found[v].directions >= CONES;
     }
     for _ in 0..CLOSINGS {
         let beside = |v: &usize| {
@@ -122,6 +135,7 @@ pub(super) fn confirm(shapes: &mut [Shape]) {
 
 fn tight(p: Point3<f64>, role: Role, contours: &[Contour]) -> Tight {
     let mut normals: Vec<Vector3<f64>> = Vec::new();
+    let mut directions = Directions::default();
     let mut views = Vec::new();
     for (i, contour) in contours.iter().enumerate() {
         let Some(offset) = contour.offset(p).filter(|o| o.inside_px < TIGHT_PX) else {
@@ -133,7 +147,11 @@ fn tight(p: Point3<f64>, role: Role, contours: &[Contour]) -> Tight {
         }
         if let Some(normal) = outwards.try_normalize(1e-9) {
             normals.push(normal);
-            views.push((i, whole(offset.pixel)));
+            views.push(TightView {
+                view: i,
+                pixel: whole(offset.pixel),
+                direction: directions.number(p, contour.camera),
+            });
         }
     }
     let mut angle = 0.0_f64;
@@ -142,7 +160,11 @@ fn tight(p: Point3<f64>, role: Role, contours: &[Contour]) -> Tight {
             angle = angle.max(a.dot(b).clamp(-1.0, 1.0).acos());
         }
     }
-    Tight { views, angle }
+    Tight {
+        views,
+        directions: directions.count(),
+        angle,
+    }
 }
 
 fn whole(pixel: Point2<f64>) -> [i64; 2] {
@@ -161,8 +183,9 @@ fn own_cones(
     // For each view the vertices that touch its contour, by pixel.
     let mut touching = vec![Vec::new(); views];
     for &v in candidates {
-        for &(view, [x, y]) in &found[v].views {
-            touching[view].push(([y, x], v));
+        for tight in &found[v].views {
+            let [x, y] = tight.pixel;
+            touching[tight.view].push(([y, x], v));
         }
     }
     touching
@@ -176,15 +199,18 @@ fn own_cones(
                 .iter()
                 .take_while(|(at, _)| *at <= [row, x + 1]);
             near.any(|&(_, other)| {
-                found[other].views.len() > found[v].views.len()
+                found[other].directions > found[v].directions
                     && (shape.positions[other] - shape.positions[v]).norm() > elsewhere
             })
         })
     };
     let mut own = vec![0; shape.len()];
     for &v in candidates {
-        let views = found[v].views.iter();
-        own[v] = views.filter(|(view, at)| !explained(v, *view, *at)).count();
+        let mut is_own = vec![true; found[v].directions];
+        for tight in &found[v].views {
+            is_own[tight.direction] &= !explained(v, tight.view, tight.pixel);
+        }
+        own[v] = is_own.into_iter().filter(|&is_own| is_own).count();
     }
     own
 }

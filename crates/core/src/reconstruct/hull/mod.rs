@@ -5,6 +5,7 @@
 mod carving;
 mod cone;
 mod creases;
+mod directions;
 mod extremes;
 mod solid;
 mod steps;
@@ -12,6 +13,7 @@ mod viewing;
 
 pub use carving::{Carved, Carving, carving_of};
 pub use cone::Cone;
+pub use directions::Directions;
 pub use solid::{Bounds, FLOOR, Hull, Plane};
 pub use viewing::Exit;
 

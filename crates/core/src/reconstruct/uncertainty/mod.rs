@@ -21,7 +21,7 @@ mod touch;
 mod unrequired;
 
 use super::fairing::{FairedSolid, Touch};
-use super::hull::Hull;
+use super::hull::{Directions, Hull};
 use super::{Model, Provenance};
 use crate::mesh::{Bvh, Mesh};
 use cut::Outlined;
@@ -100,9 +100,6 @@ mod share {
 const CONFIRMED_PX: f64 = 1.5;
 const ALONG: f64 = 0.9;
 const CONFIRMED: usize = 3;
-/// Two cameras that see a place from directions less than two degrees apart, given as a cosine, have one outline there:
-/// captures of an object that was not moved show nothing anew.
-const SAME_DIRECTION: f64 = 0.9994;
 
 /// Shares of what is expected of a faired place that is not flat.
 struct Shares {
@@ -260,21 +257,14 @@ impl Evidence<'_> {
         let normal = place.normal.cast::<f64>();
         let outlines = self.hull.outlines_near(place.point, radius_px);
         let along = outlines.filter(|(_, outwards)| outwards.dot(&normal) > ALONG);
-        let mut directions: Vec<Vector3<f64>> = Vec::with_capacity(most);
+        let mut directions = Directions::default();
         for (camera, _) in along {
-            let eye = self.hull.cones()[camera].camera().center();
-            let direction = (eye - place.point).normalize();
-            if directions
-                .iter()
-                .all(|other| other.dot(&direction) < SAME_DIRECTION)
-            {
-                directions.push(direction);
-            }
-            if directions.len() == most {
+            directions.number(place.point, self.hull.cones()[camera].camera());
+            if directions.count() == most {
                 break;
             }
         }
-        directions.len()
+        directions.count()
     }
 
     /// What is expected at a place: what outlines let expect of the outside, or what depth cameras show it to be off if
