@@ -1,5 +1,4 @@
-// The browser is Debian's. Each of two workers has a rig of its own in a network of its own, whose tests run one after the
-// other: half of the time they wait for a rig that is away, or comes back.
+// The browser is Debian's; the tests share one rig and run one after the other.
 import { defineConfig } from "@playwright/test";
 
 const quiet = ["quic", "background-networking", "component-update", "sync", "default-apps", "domain-reliability"];
@@ -7,9 +6,8 @@ const quiet = ["quic", "background-networking", "component-update", "sync", "def
 export default defineConfig({
   testDir: "tests",
   testMatch: "*.spec.mjs",
-  workers: 2,
-  fullyParallel: true,
-  timeout: 180_000,
+  workers: 1,
+  timeout: 90_000,
   expect: { timeout: 20_000 },
   repeatEach: Number(process.env.N ?? 1),
   reporter: [["list"]],
