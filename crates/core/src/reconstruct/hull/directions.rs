@@ -1,5 +1,5 @@
-//! From how many different directions cameras see a place: where captures of an object were taken without moving it, two
-//! cameras are one. What more directions prove is decided elsewhere.
+//! From how many different directions cameras see a place: where an object was not moved between captures, two cameras
+//! are one. What more directions prove is decided elsewhere.
 
 use crate::calibration::Camera;
 use nalgebra::{Point3, Vector3};
