@@ -144,6 +144,20 @@ fn between_views_a_ball_is_round() {
 }
 
 #[test]
+fn cameras_that_are_there_twice_make_no_edge() {
+    let (cameras, radius) = (ring(8, 600), 0.03);
+    let mean = |cameras: &[Camera]| {
+        let levels: Vec<_> = cameras.iter().map(|c| ball(c, radius)).collect();
+        let (_, solid) = faired(cameras, &levels).1.unwrap();
+        let off = |p: Point3<f64>| (p - BALL).norm() - radius;
+        above(&solid.surface.mesh, 0.02, off).0
+    };
+    let once = mean(&cameras);
+    let twice = mean(&[cameras.clone(), cameras].concat());
+    assert!(twice < 1.1 * once, "{twice}, {once}");
+}
+
+#[test]
 fn between_views_a_box_is_flat_and_its_edges_stay() {
     let cameras = ring(11, 640);
     let levels: Vec<_> = cameras.iter().map(cuboid).collect();
