@@ -224,6 +224,28 @@ impl Intrinsics {
             && (LARGEST_STRETCH.recip()..=LARGEST_STRETCH).contains(&stretch)
     }
 
+    /// Angle to the optical axis, in radians, beyond which nothing is in the picture: a little more than its corners'.
+    pub fn largest_angle_in_picture(&self) -> f64 {
+        const MARGIN: f64 = 1.1;
+        const DIRECTIONS: u32 = 64;
+        let (right, bottom) = (self.width as f64 - 0.5, self.height as f64 - 0.5);
+        let corners = [[-0.5, -0.5], [right, -0.5], [-0.5, bottom], [right, bottom]];
+        let radius = |corner: [f64; 2]| self.unproject(Point2::from(corner)).map(|n| n.norm());
+        let mut farthest = corners.into_iter().map(radius);
+        let farthest = farthest.try_fold(0.0, |most: f64, radius| Some(most.max(radius?)));
+        // The lens model is one to one up to its fold: what is beyond a circle stays beyond the circle's image.
+        let is_around = |radius: f64| {
+            (0..DIRECTIONS).all(|i| {
+                let turn = std::f64::consts::TAU * f64::from(i) / f64::from(DIRECTIONS);
+                let pixel = self.project(radius * turn.cos(), radius * turn.sin(), 1.0);
+                pixel.is_some_and(|pixel| !self.contains(pixel))
+            })
+        };
+        let around = farthest.map(|radius| MARGIN * radius);
+        let fold = self.largest_radius_squared.sqrt();
+        around.filter(|r| is_around(*r)).unwrap_or(fold).atan()
+    }
+
     /// Pixel of a point in the camera's frame; `None` behind the camera or where the lens model folds over.
     /// The pixel may lie outside the picture.
     #[inline]
@@ -320,6 +342,31 @@ mod tests {
         // r (1 - 0.3 r²) grows up to r = 1.054.
         assert!(lens(folding).project(1.0, 0.0, 1.0).is_some());
         assert!(lens(folding).project(1.2, 0.0, 1.0).is_none());
+    }
+
+    #[test]
+    fn nothing_beyond_the_largest_angle_is_in_the_picture() {
+        let distorted = |radial: f64| Distortion {
+            radial: [radial, 0.0, 0.0, 0.0, 0.0, 0.0],
+            tangential: [2e-3, -1e-3],
+        };
+        for distortion in [Distortion::default(), distorted(-0.25), distorted(0.3)] {
+            let lens = lens(distortion);
+            let largest = lens.largest_angle_in_picture();
+            let corner = lens.unproject(Point2::new(639.5, 479.5)).unwrap().norm();
+            assert!(largest < 1.2 * corner.atan(), "{largest} {corner}");
+            for turn in (0..360).map(|degrees| f64::from(degrees).to_radians()) {
+                for more in (1..200).map(|i| largest + 0.01 * f64::from(i)) {
+                    let (r, z) = more.sin_cos();
+                    let pixel = lens.project(r * turn.cos(), r * turn.sin(), z);
+                    assert!(!pixel.is_some_and(|pixel| lens.contains(pixel)));
+                }
+            }
+        }
+        // Where the model folds over within the picture, its fold is the limit.
+        let folding = lens(distorted(-1.5));
+        let fold = folding.largest_radius_squared.sqrt().atan();
+        assert_eq!(folding.largest_angle_in_picture(), fold);
     }
 
     #[test]

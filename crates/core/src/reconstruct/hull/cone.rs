@@ -18,6 +18,8 @@ pub struct Cone<'a> {
     level: &'a Grid<u8>,
     extremes: Extremes<u8>,
     unknown: Option<Unknown<'a>>,
+    /// To the camera's axis, in radians, beyond which nothing is in the picture.
+    largest_angle: f64,
 }
 
 /// Pixels through which the camera sees nothing of the object, nor past it.
@@ -61,6 +63,7 @@ impl<'a> Cone<'a> {
             camera,
             level,
             extremes: Extremes::new(level),
+            largest_angle: camera.intrinsics.largest_angle_in_picture(),
             unknown: unknown.map(|mask| {
                 assert!(mask.same_size(level), "what camera {} ignores", camera.id);
                 Unknown {
@@ -131,29 +134,20 @@ impl<'a> Cone<'a> {
         steps.sum::<usize>() as f64 / self.level.height() as f64
     }
 
-    /// What the camera knows of a cube: inside its silhouette, outside it, both, or `None` where no part of
-    /// the cube is surely within the picture, so that it knows nothing.
+    /// What the camera knows of a cube: whether it is inside its silhouette, outside it or both, and what of it is in the
+    /// picture.
     pub(super) fn side(&self, center: Point3<f64>, half: f64) -> CubeEvidence {
         let radius = half * 3f64.sqrt();
-        let depth = self.camera.camera_from_rig(center).z;
-        if depth < -radius {
-            return CubeEvidence {
-                side: Side::Inside,
-                seen: false,
-                unknown: false,
-            };
+        let lens = &self.camera.intrinsics;
+        let projected = self.camera.project(center);
+        let is_centered = projected.is_some_and(|(pixel, _)| lens.contains(pixel));
+        if !is_centered && self.is_beside_picture(center, radius) {
+            return UNSEEN;
         }
-        let across = CubeEvidence {
-            side: Side::Across(0),
-            seen: false,
-            unknown: false,
-        };
-        let Some((pixel, depth)) = self.camera.project(center).filter(|_| depth > 2.0 * radius)
-        else {
-            return across;
+        let Some((pixel, depth)) = projected.filter(|(_, depth)| *depth > 2.0 * radius) else {
+            return UNDECIDED;
         };
         // The sphere's image, with room for the lens and for the neighbours that bilinear sampling reads.
-        let lens = &self.camera.intrinsics;
         let off_axis = (pixel - lens.center_px)
             .coords
             .component_div(&lens.focal_px)
@@ -164,11 +158,7 @@ impl<'a> Cone<'a> {
         let [x0, x1] = [pixel.x - extent, pixel.x + extent];
         let [y0, y1] = [pixel.y - extent, pixel.y + extent];
         if x1 < -0.5 || y1 < -0.5 || x0 > width + 0.5 || y0 > height + 0.5 {
-            return CubeEvidence {
-                side: Side::Inside,
-                seen: false,
-                unknown: false,
-            };
+            return UNSEEN;
         }
         let [low, high] = self.bounds(&self.extremes, [x0, x1], [y0, y1]);
         let within = x0 >= -0.5 && y0 >= -0.5 && x1 <= width + 0.5 && y1 <= height + 0.5;
@@ -189,8 +179,17 @@ impl<'a> Cone<'a> {
         CubeEvidence {
             side,
             seen,
-            unknown: all,
+            may_confirm: !all && f32::from(high) > CONTOUR,
         }
+    }
+
+    /// Whether a ball is surely beside the picture, or behind the camera.
+    fn is_beside_picture(&self, center: Point3<f64>, radius: f64) -> bool {
+        let center = self.camera.camera_from_rig(center);
+        let distance = center.coords.norm();
+        let angle = center.x.hypot(center.y).atan2(center.z);
+        let nearest = angle - (radius / distance).min(1.0).asin();
+        radius < distance && nearest > self.largest_angle
     }
 
     /// Positive inside the silhouette, negative outside; `None` where the camera does not see.
@@ -282,6 +281,20 @@ pub(super) struct CubeEvidence {
     pub(super) side: Side,
     /// Whether all of the cube is within the picture.
     pub(super) seen: bool,
-    /// Whether all that is in the picture of it is unknown.
-    pub(super) unknown: bool,
+    /// Whether the camera may see a part of it within its silhouette.
+    pub(super) may_confirm: bool,
 }
+
+/// Of a cube of which the camera sees nothing.
+const UNSEEN: CubeEvidence = CubeEvidence {
+    side: Side::Inside,
+    seen: false,
+    may_confirm: false,
+};
+
+/// Of a cube near the camera, or beside its picture but not surely.
+const UNDECIDED: CubeEvidence = CubeEvidence {
+    side: Side::Across(0),
+    seen: false,
+    may_confirm: true,
+};

@@ -164,15 +164,7 @@ const MOST_ACROSS: f64 = 1000.0;
 /// # Errors
 /// If the hull is empty, or the cell size asked for cannot be.
 pub fn lattice(hull: &Hull, parameters: &Parameters) -> Result<Lattice, Error> {
-    let Volume { min, max } = hull.volume();
-    let coarse_cell = (max - min).norm() / 96.0;
-    let bounds = surface::bounds(hull, &Lattice::covering(min, max, coarse_cell));
-    let (low, high) = bounds.ok_or_else(|| Error::Empty {
-        min: min.into(),
-        max: max.into(),
-        empty: hull.blind_camera().map(ToString::to_string),
-    })?;
-    let (low, high) = (low.sup(&min), high.inf(&max));
+    let (low, high) = bounds(hull)?;
     let diagonal = (high - low).norm().max(Volume::SHORTEST_EDGE);
     let (least, most) = (diagonal / MOST_ACROSS, diagonal / FEWEST_ACROSS);
     let cell_size = if parameters.cell_size == 0.0 {
@@ -201,6 +193,30 @@ pub fn lattice(hull: &Hull, parameters: &Parameters) -> Result<Lattice, Error> {
         parameters.cell_size
     };
     Ok(Lattice::covering(low, high, cell_size))
+}
+
+/// A box around the hull, some cells of a coarse lattice wider than it.
+fn bounds(hull: &Hull) -> Result<(Point3<f64>, Point3<f64>), Error> {
+    /// Cells along the diagonal of the box that is searched.
+    const ACROSS: f64 = 96.0;
+    /// Where the hull is shorter than so much of what was searched, it is searched again, with cells of its size.
+    const ROOMY: f64 = 0.5;
+    let Volume { min, max } = hull.volume();
+    let (mut low, mut high) = (min, max);
+    loop {
+        let searched = (high - low).norm();
+        let found = surface::bounds(hull, &Lattice::covering(low, high, searched / ACROSS));
+        let (lowest, highest) = found.ok_or_else(|| Error::Empty {
+            min: min.into(),
+            max: max.into(),
+            empty: hull.blind_camera().map(ToString::to_string),
+        })?;
+        (low, high) = (lowest.sup(&min), highest.inf(&max));
+        let diagonal = (high - low).norm();
+        if diagonal > ROOMY * searched || diagonal < Volume::SHORTEST_EDGE {
+            return Ok((low, high));
+        }
+    }
 }
 
 /// Cells that a hull's surface may cross, as a multiple of the square of those along its diagonal: a cube

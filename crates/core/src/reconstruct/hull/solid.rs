@@ -259,13 +259,10 @@ impl<'a> Hull<'a> {
         seeing.count() == self.least_views
     }
 
-    /// Whether so many cameras ignore all of a cube that too few are left that could see it.
-    fn is_unknown(&self, center: Point3<f64>, half: f64) -> bool {
-        if self.cones.iter().all(|cone| cone.unknown().is_none()) {
-            return false;
-        }
-        let could_see = |cone: &&Cone| !cone.side(center, half).unknown;
-        let left = self.cones.iter().filter(could_see).take(self.least_views);
+    /// Whether too few cameras can see any part of a cube within their silhouettes for it to hold a part of the hull.
+    fn is_unconfirmed(&self, center: Point3<f64>, half: f64) -> bool {
+        let may_confirm = |cone: &&Cone| cone.side(center, half).may_confirm;
+        let left = self.cones.iter().filter(may_confirm).take(self.least_views);
         left.count() < self.least_views
     }
 
@@ -316,7 +313,7 @@ impl Solid for Hull<'_> {
             }
             // Cameras that were decided before were not asked, so the count may be too low.
             if surely <= half || seen < self.least_views && !self.all_is_seen(center, half) {
-                if self.is_unknown(center, half) {
+                if self.is_unconfirmed(center, half) {
                     return Side::Outside;
                 }
                 left |= BOUNDS;

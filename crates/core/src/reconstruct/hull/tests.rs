@@ -61,6 +61,20 @@ fn surface_of(
     extract(&hull, &lattice, parameters).unwrap()
 }
 
+/// Beyond the pictures, and along their edges, no camera objects to space; none confirms it either.
+#[test]
+fn the_lattice_is_as_fine_in_a_volume_whose_corners_no_camera_sees() {
+    let (radius, cameras) = (0.05, ring(7, 640, 480));
+    let levels: Vec<_> = cameras.iter().map(|c| ball_silhouette(c, radius)).collect();
+    let cell_size = |volume: Volume| {
+        let cones = cameras.iter().zip(&levels).map(|(c, l)| Cone::new(c, l));
+        let hull = Hull::new(cones.collect(), volume, Parameters::default().least_views);
+        lattice(&hull, &Parameters::default()).unwrap().cell_size
+    };
+    let (close, roomy) = (cell_size(cube(0.08)), cell_size(cube(0.35)));
+    assert!(roomy < 1.3 * close, "{close} m, {roomy} m");
+}
+
 /// A convex silhouette gives a cone that is known in closed form: the tangent cone of the ball. The hull is
 /// their intersection, so the distance of a vertex to it is known exactly.
 #[test]
@@ -113,21 +127,46 @@ fn pixels_much_coarser_than_cells_are_no_speckles() {
 #[test]
 fn a_cube_of_space_is_never_called_inside_or_outside_wrongly() {
     for count in [5, 66] {
-        let decided = decided_cubes(&ring(count, 320, 240));
+        let decided = decided_cubes(&ring(count, 320, 240), 0.2);
         assert!(decided > 2000, "{count} cameras: {decided}");
     }
 }
 
-/// How many cubes of 4000, anywhere around a ball, are called inside or outside; each is held against points in it.
-/// What is undecided of a cube must also be enough to tell the value of a point in it.
-fn decided_cubes(cameras: &[Camera]) -> usize {
+/// Beside a picture, a distorted lens shows nothing, also where its model gives a pixel or folds over.
+#[test]
+fn a_cube_beside_the_pictures_of_distorted_lenses_is_never_called_inside_or_outside_wrongly() {
+    for radial in [-0.3, 0.3] {
+        let mut cameras = ring(5, 320, 240);
+        for camera in &mut cameras {
+            let Intrinsics {
+                width,
+                height,
+                focal_px,
+                center_px,
+                ..
+            } = camera.intrinsics;
+            let distortion = Distortion {
+                radial: [radial, 0.0, 0.0, 0.0, 0.0, 0.0],
+                tangential: [1e-3, -1e-3],
+            };
+            camera.intrinsics =
+                Intrinsics::new(width, height, 0.5 * focal_px, center_px, distortion).unwrap();
+        }
+        let decided = decided_cubes(&cameras, 0.6);
+        assert!(decided > 3000, "{radial}: {decided}");
+    }
+}
+
+/// How many cubes of 4000, up to so many metres beside a ball, are called inside or outside; each is held against points
+/// in it. What is undecided of a cube must also be enough to tell the value of a point in it.
+fn decided_cubes(cameras: &[Camera], beside: f64) -> usize {
     let levels: Vec<_> = cameras.iter().map(|c| ball_silhouette(c, 0.05)).collect();
     let cones = cameras
         .iter()
         .zip(&levels)
         .map(|(c, l)| Cone::new(c, l))
         .collect();
-    let hull = Hull::new(cones, cube(0.3), 2);
+    let hull = Hull::new(cones, cube(1.5 * beside), 2);
     let mut random = 1u64;
     let mut uniform = || {
         random = random
@@ -137,7 +176,8 @@ fn decided_cubes(cameras: &[Camera]) -> usize {
     };
     let mut decided = 0;
     for _ in 0..4000 {
-        let center = Point3::new(uniform() - 0.5, uniform() - 0.5, uniform() - 0.5) * 0.4;
+        let center =
+            Point3::new(uniform() - 0.5, uniform() - 0.5, uniform() - 0.5) * (2.0 * beside);
         let half = 0.03 * uniform();
         let side = hull.side(center, half, UndecidedConstraints::MAX);
         decided += usize::from(!matches!(side, Side::Across(_)));
