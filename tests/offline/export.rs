@@ -151,7 +151,12 @@ fn a_level_of_detail_is_a_solid_near_the_model_and_a_compressed_one_is_smaller()
         "small",
     ]);
     let size = |path: &PathBuf| std::fs::metadata(path).unwrap().len();
-    assert!(size(&home.path("small/ball-000.glb")) < size(&whole));
+    let small = home.path("small/ball-000.glb");
+    assert!(size(&small) < size(&whole));
+    let small_report = check(&load(&small).unwrap().mesh);
+    assert!(small_report.is_watertight());
+    assert_eq!(small_report.vertices, whole_report.vertices);
+    assert!((small_report.volume / whole_report.volume - 1.0).abs() < 1e-3);
     home.done(&[
         "export",
         "export/ball-000-lod1.glb",

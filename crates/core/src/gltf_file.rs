@@ -15,6 +15,9 @@ use gltf::json::buffer::View;
 use gltf::json::validation::Checked;
 use gltf::json::{Index, Root};
 
+/// The extension by which coordinates may be whole numbers.
+pub const QUANTIZATION: &str = "KHR_mesh_quantization";
+
 /// A binary glTF file whose JSON was read.
 pub struct GltfFile<'a> {
     root: Root,
@@ -27,10 +30,16 @@ impl<'a> GltfFile<'a> {
     /// # Errors
     /// If they are damaged, or the file requires an extension; so for all that follow, in words.
     pub fn parse(bytes: &'a [u8]) -> Result<Self, String> {
+        Self::parse_with(bytes, &[])
+    }
+
+    /// The same, of a file that may require the extensions that are `known`.
+    pub fn parse_with(bytes: &'a [u8], known: &[&str]) -> Result<Self, String> {
         let glb = container(bytes)?;
         let root = Root::from_slice(&glb.json);
         let root = root.map_err(|e| format!("the glTF JSON cannot be read: {e}"))?;
-        if let Some(name) = root.extensions_required.first() {
+        let mut required = root.extensions_required.iter();
+        if let Some(name) = required.find(|name| !known.contains(&name.as_str())) {
             let name: String = name.chars().take(60).collect();
             return Err(format!(
                 "the file requires the glTF extension {name}, which scand does not support"
@@ -66,6 +75,23 @@ impl<'a> GltfFile<'a> {
             Some(kind @ DataType::U32) => self.items::<u32>(index, kind, one).map(gather),
             // Whatever else it is, or if it is not there, is refused by name.
             _ => self.items::<f32>(index, DataType::F32, one).map(gather),
+        }
+    }
+
+    /// All points of an accessor: floats, or whole numbers as [`QUANTIZATION`] allows them.
+    pub fn points(&self, index: Index<Accessor>) -> Result<Vec<[f32; 3]>, String> {
+        fn gather<T: Into<f32>>(points: impl Iterator<Item = [T; 3]>) -> Vec<[f32; 3]> {
+            points.map(|point| point.map(Into::into)).collect()
+        }
+        let three = Dimensions::Vec3;
+        match self.root.get(index).and_then(component) {
+            Some(kind @ DataType::I8) => self.items::<[i8; 3]>(index, kind, three).map(gather),
+            Some(kind @ DataType::U8) => self.items::<[u8; 3]>(index, kind, three).map(gather),
+            Some(kind @ DataType::I16) => self.items::<[i16; 3]>(index, kind, three).map(gather),
+            Some(kind @ DataType::U16) => self.items::<[u16; 3]>(index, kind, three).map(gather),
+            _ => self
+                .items::<[f32; 3]>(index, DataType::F32, three)
+                .map(gather),
         }
     }
 

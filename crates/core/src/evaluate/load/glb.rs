@@ -2,10 +2,9 @@
 //! reads the container and the accessors.
 
 use super::{LoadedModel, provenance};
-use crate::gltf_file::GltfFile;
+use crate::gltf_file::{GltfFile, QUANTIZATION};
 use crate::reconstruct::Provenance;
 use gltf::Semantic;
-use gltf::accessor::{DataType, Dimensions};
 use gltf::json::validation::Checked;
 use gltf::json::{Index, Node, mesh};
 use gltf::scene::Transform;
@@ -20,7 +19,7 @@ const MAX_ELEMENTS: usize = 20_000_000;
 
 /// Reads the default scene. `_PROVENANCE` and `_ERROR` are kept where every primitive has them.
 pub(super) fn parse(bytes: &[u8]) -> Result<LoadedModel, String> {
-    let file = GltfFile::parse(bytes)?;
+    let file = GltfFile::parse_with(bytes, &[QUANTIZATION])?;
     let root = file.root();
     let scene = root.scenes.get(root.scene.map_or(0, |scene| scene.value()));
     let mut reader = Reader {
@@ -87,11 +86,9 @@ impl Reader<'_> {
         let attributes = &primitive.attributes;
         let attribute = |name: Semantic| attributes.get(&Checked::Valid(name)).copied();
         let positions = attribute(Semantic::Positions).ok_or("a primitive has no POSITION")?;
-        let positions = self
-            .file
-            .items::<[f32; 3]>(positions, DataType::F32, Dimensions::Vec3)?;
+        let positions = self.file.points(positions)?;
         let base = self.model.mesh.vertices.len();
-        let vertices = positions.map(|p| {
+        let vertices = positions.into_iter().map(|p| {
             let p = world_from_node.transform_point(&Point3::from(p));
             // y up to z up.
             Point3::new(p.x, -p.z, p.y)
