@@ -1,19 +1,20 @@
-//! Makes the texture of a simplified surface from that of the full surface: each triangle gets its own rectangle of the
-//! atlas, and each texel the colour of the nearest point of the full surface.
+//! Makes the texture of a simplified surface from that of the full surface: `unwrap` cuts it into charts, and each texel
+//! gets the colour of the nearest point of the full surface.
 
-use crate::array::three;
-use crate::image::{RgbImage, pack};
-use crate::mesh::{Bvh, Mesh};
+use super::unwrap::{Chart, NOBODY, charts};
+use crate::array::{three, two};
+use crate::image::{CellShape, PackingOrder, RgbImage, pack_shapes};
+use crate::mesh::{Bvh, Mesh, bounding_box, closest_on_triangle};
 use crate::reconstruct::Texture;
 use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
 
-/// Texels around a triangle, so that a viewer's interpolation meets no other triangle's colours.
-const GUTTER: usize = 2;
-/// Texels of a triangle's side, at most.
-const LONGEST: f64 = 2048.0;
+/// Texels along the surface's diagonal, at most.
+const LONGEST: f64 = 4096.0;
 /// A texel's length where no camera saw anything, in metres.
 const LONGEST_TEXEL: f64 = 0.01;
+/// Cells of an atlas' side for packing, about; more cells lie denser and take longer.
+const CELLS: f64 = 500.0;
 
 /// The texture of `mesh` from that of `old`, with texels `coarser` times as long. Its colours of vertices are empty.
 pub(super) fn bake(old: &Mesh, texture: &Texture, mesh: &Mesh, coarser: f64) -> Texture {
@@ -22,92 +23,75 @@ pub(super) fn bake(old: &Mesh, texture: &Texture, mesh: &Mesh, coarser: f64) -> 
         old,
         texture,
     };
+    let diagonal = bounding_box(&mesh.vertices).map_or(0.0, |[low, high]| (high - low).norm());
     let texel = texture.texel_size(old).unwrap_or(LONGEST_TEXEL).max(1e-6) * coarser;
-    let patches: Vec<Patch> = (0..mesh.triangles.len())
-        .map(|t| Patch::new(three(|i| mesh.corners(t)[i].cast()), texel))
-        .collect();
-    let painted: Vec<(Vec<[u8; 3]>, bool)> = patches
+    let charts = charts(mesh, texel.max(f64::from(diagonal) / LONGEST));
+    let painted: Vec<Vec<[u8; 3]>> = charts
         .par_iter()
-        .map(|patch| painter.paint(patch))
+        .map(|chart| painter.paint(mesh, chart))
         .collect();
-    let sizes: Vec<[usize; 2]> = patches.iter().map(|p| p.size).collect();
-    let area: usize = sizes.iter().map(|[w, h]| w * h).sum();
-    let widest = sizes.iter().map(|size| size[0]).max().unwrap_or(1);
-    let width = ((area as f64).sqrt() as usize)
-        .max(widest)
-        .next_multiple_of(4);
-    // No rectangle is wider than the strip.
-    let (places, height) = pack(&sizes, width).unwrap_or_default();
-    let height = height.max(1).next_multiple_of(4);
+    let (places, [width, height]) = packed(&charts);
     let mut atlas = RgbImage::filled(width, height, [128; 3]);
-    for ((place, [w, _]), (colors, _)) in places.iter().zip(&sizes).zip(&painted) {
-        for (y, row) in colors.chunks_exact(*w).enumerate() {
-            atlas.row_mut(place[1] + y)[place[0]..place[0] + w].copy_from_slice(row);
+    let mut corner_uv = vec![[[0.0; 2]; 3]; mesh.triangles.len()];
+    for ((chart, place), colors) in charts.iter().zip(&places).zip(&painted) {
+        let texels = chart.owners.pixels().iter().zip(colors).enumerate();
+        for (i, (_, color)) in texels.filter(|(_, (owner, _))| **owner != NOBODY) {
+            let (x, y) = (i % chart.owners.width(), i / chart.owners.width());
+            atlas.row_mut(place[1] + y)[place[0] + x] = *color;
+        }
+        for &triangle in &chart.triangles {
+            let corners = chart.corners(mesh, triangle);
+            let size = [width as f64, height as f64];
+            // A texel's centre is half a texel from its corner.
+            let uv =
+                |corner: [f64; 2]| two(|i| ((place[i] as f64 + corner[i] + 0.5) / size[i]) as f32);
+            corner_uv[triangle as usize] = corners.map(uv);
         }
     }
-    let uv = |(patch, place): (&Patch, &[usize; 2])| {
-        patch.texels.map(|[x, y]| {
-            // A texel's centre is half a texel from its corner.
-            let u = (place[0] as f64 + x + 0.5) / width as f64;
-            let v = (place[1] as f64 + y + 0.5) / height as f64;
-            [u as f32, v as f32]
-        })
-    };
+    let triangles = (0..mesh.triangles.len()).into_par_iter();
     Texture {
-        corner_uv: patches.iter().zip(&places).map(uv).collect(),
-        seen: painted.iter().map(|(_, seen)| *seen).collect(),
+        corner_uv,
+        seen: triangles.map(|t| painter.is_seen(mesh, t)).collect(),
         vertex_colors: Vec::new(),
         atlas,
     }
 }
 
-/// A triangle and its rectangle of texels.
-struct Patch {
-    corners: [Point3<f64>; 3],
-    size: [usize; 2],
-    /// Where the corners lie in the rectangle, in texels from the centre of the first.
-    texels: [[f64; 2]; 3],
-    /// The corner and the unit vectors of the triangle's plane that texels are counted along, and a texel's length.
-    frame: (Point3<f64>, Vector3<f64>, Vector3<f64>, [f64; 2]),
+/// Where the charts' top left texels lie in an atlas, and its size.
+fn packed(charts: &[Chart]) -> (Vec<[usize; 2]>, [usize; 2]) {
+    let owned = |chart: &Chart| {
+        chart
+            .owners
+            .pixels()
+            .iter()
+            .filter(|o| **o != NOBODY)
+            .count()
+    };
+    let texels: usize = charts.iter().map(owned).sum();
+    let cell = ((texels as f64).sqrt() / CELLS).ceil().max(1.0) as usize;
+    let shapes: Vec<[CellShape; 1]> = charts.iter().map(|c| [shape(c, cell)]).collect();
+    let widest = shapes.iter().map(|[shape]| shape.width()).max();
+    let cells: usize = shapes.iter().map(|[shape]| shape.area()).sum();
+    let width = ((1.1 * cells as f64).sqrt() as usize).max(widest.unwrap_or(1));
+    let ways = PackingOrder::ALL.into_iter();
+    let found = ways.filter_map(|order| pack_shapes(&shapes, order, width, usize::MAX));
+    // No shape is wider than the strip.
+    let (places, rows) = found.min_by_key(|(_, rows)| *rows).unwrap_or_default();
+    let place = places.iter().map(|placed| placed.place.map(|at| at * cell));
+    let size = [width, rows].map(|side| (side * cell).max(1).next_multiple_of(4));
+    (place.collect(), size)
 }
 
-impl Patch {
-    /// The longest side lies along the rectangle's width.
-    fn new(corners: [Point3<f64>; 3], texel: f64) -> Self {
-        let side = |i: usize| (corners[(i + 1) % 3] - corners[i]).norm();
-        let first = (0..3).fold(0, |best, i| if side(i) > side(best) { i } else { best });
-        let [a, b, c] = three(|i| corners[(first + i) % 3]);
-        let texel = texel.max(side(first) / LONGEST);
-        let along = (b - a).try_normalize(0.0).unwrap_or_else(Vector3::x);
-        let up = (c - a) - along * along.dot(&(c - a));
-        let (height, up) = (
-            up.norm(),
-            up.try_normalize(1e-12).unwrap_or_else(Vector3::y),
-        );
-        let gutter = GUTTER as f64;
-        let at = |p: Point3<f64>| {
-            let from = p - a;
-            [
-                gutter + along.dot(&from) / texel,
-                gutter + up.dot(&from) / texel,
-            ]
-        };
-        let length = |metres: f64| (metres / texel).ceil() as usize + 1 + 2 * GUTTER;
-        Self {
-            size: [length(side(first)), length(height)],
-            texels: corners.map(at),
-            frame: (a, along, up, [texel, gutter]),
-            corners,
-        }
+/// The cells that a chart's texels are in.
+fn shape(chart: &Chart, cell: usize) -> CellShape {
+    let owners = &chart.owners;
+    let mut rows = vec![Vec::new(); owners.height().div_ceil(cell)];
+    for y in 0..owners.height() {
+        let row = owners.row(y).chunks(cell).enumerate();
+        let owned = row.filter(|(_, cell)| cell.iter().any(|o| *o != NOBODY));
+        rows[y / cell].extend(owned.map(|(x, _)| x..x + 1));
     }
-
-    /// The point of the triangle's plane at a texel; beyond the triangle the nearest one in it.
-    fn point(&self, x: usize, y: usize) -> Point3<f64> {
-        let (origin, along, up, [texel, gutter]) = self.frame;
-        let (x, y) = (x as f64 - gutter, y as f64 - gutter);
-        let point = origin + along * (x * texel) + up * (y * texel);
-        crate::mesh::closest_on_triangle(point, self.corners)
-    }
+    CellShape::new(rows)
 }
 
 /// The old surface and its colours.
@@ -118,18 +102,30 @@ struct Painter<'a> {
 }
 
 impl Painter<'_> {
-    /// The texels of a rectangle, row by row, and whether a camera saw the triangle's middle.
-    fn paint(&self, patch: &Patch) -> (Vec<[u8; 3]>, bool) {
-        let [width, height] = patch.size;
-        let texels = (0..height).flat_map(|y| (0..width).map(move |x| (x, y)));
-        let colors = texels.map(|(x, y)| self.color(patch.point(x, y))).collect();
-        let sum = patch
-            .corners
+    /// The texels of a chart, row by row.
+    fn paint(&self, mesh: &Mesh, chart: &Chart) -> Vec<[u8; 3]> {
+        let width = chart.owners.width();
+        let texels = chart.owners.pixels().iter().enumerate();
+        let color = |(i, &owner): (usize, &u32)| match owner {
+            NOBODY => [128; 3],
+            triangle => {
+                let texel = Point3::new((i % width) as f64, (i / width) as f64, 0.0);
+                let corners = chart.corners(mesh, triangle);
+                self.color(point(texel, corners, mesh.corners(triangle as usize)))
+            }
+        };
+        texels.map(color).collect()
+    }
+
+    /// Whether a camera saw the middle of a triangle.
+    fn is_seen(&self, mesh: &Mesh, triangle: usize) -> bool {
+        let corners = mesh.corners(triangle);
+        let sum = corners
             .iter()
-            .fold(Vector3::zeros(), |sum, p| sum + p.coords);
+            .map(|p| p.coords.cast::<f64>())
+            .sum::<Vector3<f64>>();
         let middle = self.bvh.closest_point((sum / 3.0).into());
-        let seen = middle.is_some_and(|nearest| self.texture.seen[nearest.triangle]);
-        (colors, seen)
+        middle.is_some_and(|nearest| self.texture.seen[nearest.triangle])
     }
 
     /// The colour of the point of the old surface that is nearest to `p`.
@@ -145,6 +141,18 @@ impl Painter<'_> {
             weighted.sum()
         });
         sample(&self.texture.atlas, place)
+    }
+}
+
+/// The point of a triangle at a texel of its plane; beyond the triangle, at the nearest place that is on it.
+fn point(texel: Point3<f64>, plane: [[f64; 2]; 3], corners: [Point3<f32>; 3]) -> Point3<f64> {
+    let plane = plane.map(|[x, y]| Point3::new(x, y, 0.0));
+    let weights = barycentric(closest_on_triangle(texel, plane), plane);
+    let weighted = three(|i| corners[i].coords.cast::<f64>() * weights[i]);
+    let sum = weights.iter().sum::<f64>();
+    match sum > 0.0 {
+        true => ((weighted[0] + weighted[1] + weighted[2]) / sum).into(),
+        false => corners[0].cast(),
     }
 }
 
@@ -181,13 +189,5 @@ mod tests {
         assert_eq!(sample(&atlas, [0.5, 0.5]), [50; 3]);
         assert_eq!(sample(&atlas, [0.0, 0.0]), [0; 3]);
         assert_eq!(sample(&atlas, [1.0, 1.0]), [100; 3]);
-    }
-
-    #[test]
-    fn a_triangle_without_area_gets_texels_too() {
-        let point = Point3::new(1.0, 2.0, 3.0);
-        let patch = Patch::new([point; 3], 1e-3);
-        assert_eq!(patch.size, [1 + 2 * GUTTER; 2]);
-        assert!(patch.point(0, 0).coords.iter().all(|c| c.is_finite()));
     }
 }

@@ -8,6 +8,7 @@ mod obj;
 mod read;
 mod stl;
 mod three_mf;
+mod unwrap;
 mod usdz;
 mod zip;
 

@@ -6,7 +6,6 @@ mod decode;
 mod decode_tests;
 mod demosaic;
 mod grid;
-mod pack;
 mod pack_shapes;
 mod rect;
 mod sharpness;
@@ -20,7 +19,6 @@ pub use decode::{
 };
 pub use demosaic::{BayerOrder, demosaic};
 pub use grid::Grid;
-pub use pack::pack;
 pub use pack_shapes::{CellShape, PackingOrder, PlacedShape, pack_shapes};
 pub use rect::PixelRect;
 pub use sharpness::sharpness_percent;
