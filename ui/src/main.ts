@@ -34,6 +34,9 @@ class Page extends LitElement {
   /** Whether this device was signed in, and is no more. */
   declare isOver: boolean;
   private sign = "";
+  /** How often it was asked who is signed in, and the first of these answers that still counts. */
+  private asked = 0;
+  private counting = 0;
   /** What a tone was last due for; null before anything was heard. */
   private told: string | null = null;
 
@@ -82,6 +85,7 @@ class Page extends LitElement {
     this.refusal = "";
     try {
       await api.pair(token);
+      this.counting = this.asked + 1;
       // What the page shows from then on belongs to the one who signed in now, who may have another role.
       this.me = null;
       this.isLoading = true;
@@ -92,9 +96,13 @@ class Page extends LitElement {
     this.isLoading = false;
   }
 
+  /** Answers come in any order: one asked for before the last that told, or before a sign-in, says nothing new. */
   private async enter(): Promise<void> {
+    const turn = ++this.asked;
     try {
       const me = await api.me();
+      if (turn < this.counting) return;
+      this.counting = turn;
       this.isAway = false;
       this.isOver = false;
       if (!this.me) {
@@ -102,8 +110,10 @@ class Page extends LitElement {
         live.start();
       }
     } catch (error) {
+      if (turn < this.counting) return;
       const isWithout = error instanceof api.Refused && error.status === 401;
       if (isWithout) {
+        this.counting = turn;
         this.isOver ||= this.me !== null;
         this.me = null;
       }
