@@ -1,5 +1,5 @@
-//! Makes the texture of a simplified surface from that of the full surface: `unwrap` cuts it into charts, and each texel
-//! gets the colour of the nearest point of the full surface.
+//! Makes the texture of a simplified surface from that of the full surface: `unwrap` cuts it into charts, and each
+//! texel gets the colour of the nearest point of the full surface.
 
 use super::unwrap::{Chart, NOBODY, charts};
 use crate::array::{three, two};

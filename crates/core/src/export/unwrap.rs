@@ -1,5 +1,5 @@
-//! Cuts a surface into charts for a texture: connected parts that face about one way, projected onto a plane in which no
-//! two of their triangles overlap. Knows nothing of colours, nor of where charts lie in an atlas.
+//! Cuts a surface into charts for a texture: connected parts that face about one way, projected onto a plane in which
+//! no two of their triangles overlap. Knows nothing of colours, nor of where charts lie in an atlas.
 
 use crate::array::two;
 use crate::image::Grid;

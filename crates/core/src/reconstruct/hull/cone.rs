@@ -134,8 +134,8 @@ impl<'a> Cone<'a> {
         steps.sum::<usize>() as f64 / self.level.height() as f64
     }
 
-    /// What the camera knows of a cube: whether it is inside its silhouette, outside it or both, and what of it is in the
-    /// picture.
+    /// What the camera knows of a cube: whether it is inside its silhouette, outside it or both, and what of it is in
+    /// the picture.
     pub(super) fn side(&self, center: Point3<f64>, half: f64) -> CubeEvidence {
         let radius = half * 3f64.sqrt();
         let lens = &self.camera.intrinsics;

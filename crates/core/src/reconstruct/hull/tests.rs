@@ -157,8 +157,8 @@ fn a_cube_beside_the_pictures_of_distorted_lenses_is_never_called_inside_or_outs
     }
 }
 
-/// How many cubes of 4000, up to so many metres beside a ball, are called inside or outside; each is held against points
-/// in it. What is undecided of a cube must also be enough to tell the value of a point in it.
+/// How many cubes of 4000, up to so many metres beside a ball, are called inside or outside; each is held against
+/// points in it. What is undecided of a cube must also be enough to tell the value of a point in it.
 fn decided_cubes(cameras: &[Camera], beside: f64) -> usize {
     let levels: Vec<_> = cameras.iter().map(|c| ball_silhouette(c, 0.05)).collect();
     let cones = cameras
