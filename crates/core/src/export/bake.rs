@@ -30,56 +30,80 @@ pub(super) fn bake(old: &Mesh, texture: &Texture, mesh: &Mesh, coarser: f64) -> 
         .par_iter()
         .map(|chart| painter.paint(mesh, chart))
         .collect();
-    let (places, [width, height]) = packed(&charts);
-    let mut atlas = RgbImage::filled(width, height, [128; 3]);
-    let mut corner_uv = vec![[[0.0; 2]; 3]; mesh.triangles.len()];
-    for ((chart, place), colors) in charts.iter().zip(&places).zip(&painted) {
-        let texels = chart.owners.pixels().iter().zip(colors).enumerate();
-        for (i, (_, color)) in texels.filter(|(_, (owner, _))| **owner != NOBODY) {
-            let (x, y) = (i % chart.owners.width(), i / chart.owners.width());
-            atlas.row_mut(place[1] + y)[place[0] + x] = *color;
-        }
-        for &triangle in &chart.triangles {
-            let corners = chart.corners(mesh, triangle);
-            let size = [width as f64, height as f64];
-            // A texel's centre is half a texel from its corner.
-            let uv =
-                |corner: [f64; 2]| two(|i| ((place[i] as f64 + corner[i] + 0.5) / size[i]) as f32);
-            corner_uv[triangle as usize] = corners.map(uv);
-        }
-    }
+    let layout = Layout::new(&charts);
     let triangles = (0..mesh.triangles.len()).into_par_iter();
     Texture {
-        corner_uv,
+        corner_uv: layout.corner_uv(mesh, &charts),
         seen: triangles.map(|t| painter.is_seen(mesh, t)).collect(),
         vertex_colors: Vec::new(),
-        atlas,
+        atlas: layout.atlas(&charts, &painted),
     }
 }
 
-/// Where the charts' top left texels lie in an atlas, and its size.
-fn packed(charts: &[Chart]) -> (Vec<[usize; 2]>, [usize; 2]) {
-    let owned = |chart: &Chart| {
-        chart
-            .owners
-            .pixels()
-            .iter()
-            .filter(|o| **o != NOBODY)
-            .count()
-    };
-    let texels: usize = charts.iter().map(owned).sum();
-    let cell = ((texels as f64).sqrt() / CELLS).ceil().max(1.0) as usize;
-    let shapes: Vec<[CellShape; 1]> = charts.iter().map(|c| [shape(c, cell)]).collect();
-    let widest = shapes.iter().map(|[shape]| shape.width()).max();
-    let cells: usize = shapes.iter().map(|[shape]| shape.area()).sum();
-    let width = ((1.1 * cells as f64).sqrt() as usize).max(widest.unwrap_or(1));
-    let ways = PackingOrder::ALL.into_iter();
-    let found = ways.filter_map(|order| pack_shapes(&shapes, order, width, usize::MAX));
-    // No shape is wider than the strip.
-    let (places, rows) = found.min_by_key(|(_, rows)| *rows).unwrap_or_default();
-    let place = places.iter().map(|placed| placed.place.map(|at| at * cell));
-    let size = [width, rows].map(|side| (side * cell).max(1).next_multiple_of(4));
-    (place.collect(), size)
+/// Where charts lie in an atlas.
+struct Layout {
+    /// Their top left texels.
+    places: Vec<[usize; 2]>,
+    /// Width and height of the atlas.
+    size: [usize; 2],
+}
+
+impl Layout {
+    /// Packs the charts by the cells that their texels are in.
+    fn new(charts: &[Chart]) -> Self {
+        let owned = |chart: &Chart| {
+            chart
+                .owners
+                .pixels()
+                .iter()
+                .filter(|o| **o != NOBODY)
+                .count()
+        };
+        let texels: usize = charts.iter().map(owned).sum();
+        let cell = ((texels as f64).sqrt() / CELLS).ceil().max(1.0) as usize;
+        let shapes: Vec<[CellShape; 1]> = charts.iter().map(|c| [shape(c, cell)]).collect();
+        let widest = shapes.iter().map(|[shape]| shape.width()).max();
+        let cells: usize = shapes.iter().map(|[shape]| shape.area()).sum();
+        let width = ((1.1 * cells as f64).sqrt() as usize).max(widest.unwrap_or(1));
+        let ways = PackingOrder::ALL.into_iter();
+        let found = ways.filter_map(|order| pack_shapes(&shapes, order, width, usize::MAX));
+        // No shape is wider than the strip.
+        let (places, rows) = found.min_by_key(|(_, rows)| *rows).unwrap_or_default();
+        let place = places.iter().map(|placed| placed.place.map(|at| at * cell));
+        Self {
+            places: place.collect(),
+            size: [width, rows].map(|side| (side * cell).max(1).next_multiple_of(4)),
+        }
+    }
+
+    /// The texels of the charts, each with its own colour.
+    fn atlas(&self, charts: &[Chart], painted: &[Vec<[u8; 3]>]) -> RgbImage {
+        let [width, height] = self.size;
+        let mut atlas = RgbImage::filled(width, height, [128; 3]);
+        for ((chart, place), colors) in charts.iter().zip(&self.places).zip(painted) {
+            let texels = chart.owners.pixels().iter().zip(colors).enumerate();
+            for (i, (_, color)) in texels.filter(|(_, (owner, _))| **owner != NOBODY) {
+                let (x, y) = (i % chart.owners.width(), i / chart.owners.width());
+                atlas.row_mut(place[1] + y)[place[0] + x] = *color;
+            }
+        }
+        atlas
+    }
+
+    /// Where the corners of each triangle lie in the atlas, as shares of its width and height.
+    fn corner_uv(&self, mesh: &Mesh, charts: &[Chart]) -> Vec<[[f32; 2]; 3]> {
+        let mut corner_uv = vec![[[0.0; 2]; 3]; mesh.triangles.len()];
+        let size = self.size.map(|side| side as f64);
+        for (chart, place) in charts.iter().zip(&self.places) {
+            let place = place.map(|at| at as f64);
+            // A texel's centre is half a texel from its corner.
+            let uv = |corner: [f64; 2]| two(|i| ((place[i] + corner[i] + 0.5) / size[i]) as f32);
+            for &triangle in &chart.triangles {
+                corner_uv[triangle as usize] = chart.corners(mesh, triangle).map(uv);
+            }
+        }
+        corner_uv
+    }
 }
 
 /// The cells that a chart's texels are in.
