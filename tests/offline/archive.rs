@@ -700,6 +700,22 @@ fn a_package_is_called_intact_only_if_lists_vouch_for_all_of_it() {
 }
 
 #[test]
+fn the_sheet_has_the_name_of_which_the_package_replaces_letters() {
+    let desk = Desk::new();
+    let name = "Schüssel 17.mcap";
+    std::fs::rename(desk.path("ball.mcap"), desk.path(name)).unwrap();
+    desk.done(&["archive", name, "-o", "bag"]);
+    let bag = files(&desk.path("bag"));
+    let is_sheet = |path: &&String| path.ends_with("/ball-000.json");
+    let path = bag.keys().find(is_sheet).unwrap();
+    assert!(path.is_ascii(), "{path}");
+    let sheet: Value = serde_json::from_slice(&bag[path]).unwrap();
+    assert_eq!(sheet["data"]["original_file_name"], name);
+    let place = sheet["data"]["recording"].as_str().unwrap();
+    assert!(bag.contains_key(&format!("data/{place}")), "{place}");
+}
+
+#[test]
 fn objects_whose_names_become_the_same_keep_a_folder_each() {
     let desk = Desk::new();
     fuse(&desk);

@@ -187,6 +187,7 @@ pub(super) fn of(
         "other_pairs": other_pairs(session),
         "data": {
             "recording": file.place(),
+            "original_file_name": file.original_file_name,
             "cut_off": file.cut_off(),
             "rescued_bytes": file.rescued_bytes(),
             "models": report.map(|_| format!("models/{}/{}", file.name, capture.id)),

@@ -11,6 +11,8 @@ use std::path::PathBuf;
 pub(super) struct RecordingFile {
     /// Its name in the package, without the ending.
     pub(super) name: String,
+    /// Its own name, which may have letters that the package's names do without.
+    pub(super) original_file_name: String,
     /// All damage in it.
     pub(super) damage: Vec<Damage>,
     /// Whether its end is missing.
@@ -42,8 +44,10 @@ impl RecordingFile {
             ending,
             path,
         });
+        let original = recording.path().file_name().unwrap_or_default();
         Ok(Self {
             name,
+            original_file_name: original.to_string_lossy().into_owned(),
             damage: recording.verify()?,
             is_cut_off: recording.is_cut_off()?,
             rescued: rescued.collect(),
