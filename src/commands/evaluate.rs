@@ -42,6 +42,14 @@ pub fn run(args: Args) -> anyhow::Result<ExitCode> {
     };
     let model = load(&model_file(&args.model)?)?;
     let truth = load(&model_file(&args.truth)?)?;
+    // Only models that scand made say where their surface comes from.
+    if model.provenance.is_none() && truth.provenance.is_some() {
+        let [model, truth] = [&args.model, &args.truth].map(|path| path.display());
+        eprintln!(
+            "scand: {truth}, given as the truth, is a model that scand made, and {model}, given as the model, is not: the \
+             model comes first"
+        );
+    }
     let found = evaluate(&model, &truth.mesh, &parameters)?;
     let words = || table::table(&found);
     let draw = || draw(&found, &model.mesh, &truth.mesh);

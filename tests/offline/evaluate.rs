@@ -100,6 +100,21 @@ fn evaluate_answers_in_json_and_draws() {
 }
 
 #[test]
+fn evaluate_tells_a_model_that_stands_in_the_truths_place() {
+    let folder = tempfile::tempdir().unwrap();
+    let model = write_box(folder.path(), "model.ply", [0.06; 3]);
+    let truth = folder.path().join("truth.ply");
+    let text = std::fs::read_to_string(&model).unwrap();
+    std::fs::write(&truth, text.replace("uchar provenance", "uchar other")).unwrap();
+    let told = |files: [&PathBuf; 2]| {
+        let ended = scand().arg("evaluate").args(files).assert().success();
+        String::from_utf8_lossy(&ended.get_output().stderr).into_owned()
+    };
+    assert_eq!(told([&model, &truth]), "");
+    assert!(told([&truth, &model]).contains("the model comes first"));
+}
+
+#[test]
 fn evaluate_names_what_it_cannot_read() {
     let folder = tempfile::tempdir().unwrap();
     let truth = write_box(folder.path(), "truth.ply", [0.06; 3]);
