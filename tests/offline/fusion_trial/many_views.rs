@@ -12,7 +12,7 @@ mod long {
         let mut options = session(Shape::Mug, false, 640, words, 3);
         options.masks = true;
         options.depth_cameras = 11;
-        (options.depth.frames, options.depth.color_every) = (4, 4);
+        (options.depth.frames, options.depth.color_every) = (10, 10);
         options.faults.calibration_px = 0.0;
         let recorded = Recorded::new(options);
         let fused = with_true_poses(&recorded);
