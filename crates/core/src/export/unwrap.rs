@@ -3,7 +3,7 @@
 
 use crate::array::two;
 use crate::image::Grid;
-use crate::mesh::{Mesh, edges, sorted_sides};
+use crate::mesh::{Mesh, NO_TRIANGLE, Rings};
 use nalgebra::{Point3, Vector3};
 use std::collections::HashSet;
 
@@ -13,8 +13,6 @@ pub(super) const GUTTER: usize = 2;
 const LEAST_COSINE: f64 = 0.6;
 /// The owner of a texel that no triangle has.
 pub(super) const NOBODY: u32 = u32::MAX;
-/// What is across a side where there is no triangle.
-const NONE: u32 = u32::MAX;
 
 /// A part of the surface and its plane.
 pub(super) struct Chart {
@@ -63,7 +61,7 @@ pub(super) fn charts(mesh: &Mesh, texel: f64) -> Vec<Chart> {
     let surface = Surface {
         mesh,
         normals: (0..mesh.triangles.len()).map(|t| normal(mesh, t)).collect(),
-        across: triangles_across(mesh),
+        across: Rings::new(mesh).across(mesh),
         texel,
     };
     let mut is_done = vec![false; mesh.triangles.len()];
@@ -80,18 +78,6 @@ pub(super) fn charts(mesh: &Mesh, texel: f64) -> Vec<Chart> {
 fn normal(mesh: &Mesh, triangle: usize) -> Option<Vector3<f64>> {
     let [a, b, c] = mesh.corners(triangle).map(|p| p.cast::<f64>());
     (b - a).cross(&(c - a)).try_normalize(1e-18)
-}
-
-/// The triangles across each triangle's sides.
-fn triangles_across(mesh: &Mesh) -> Vec<[u32; 3]> {
-    let mut across = vec![[NONE; 3]; mesh.triangles.len()];
-    for sides in edges(&sorted_sides(&mesh.triangles, mesh.vertices.len())) {
-        if let [a, b] = sides {
-            across[a.triangle as usize][usize::from(a.side)] = b.triangle;
-            across[b.triangle as usize][usize::from(b.side)] = a.triangle;
-        }
-    }
-    across
 }
 
 struct Surface<'a> {
@@ -142,7 +128,7 @@ impl Surface<'_> {
         while let Some(&triangle) = found.get(next) {
             next += 1;
             for other in self.across[triangle as usize] {
-                if other != NONE && seen.insert(other) && is_wanted(other) {
+                if other != NO_TRIANGLE && seen.insert(other) && is_wanted(other) {
                     found.push(other);
                 }
             }

@@ -11,6 +11,7 @@ mod edges;
 mod measure;
 mod normals;
 mod raster;
+mod rings;
 mod shade;
 #[cfg(test)]
 pub mod shapes;
@@ -26,6 +27,7 @@ pub use edges::{Side, edges, sorted_sides};
 pub use measure::{bounding_box, volume_and_total_area};
 pub use normals::vertex_normals;
 pub use raster::{Fragment, rasterize, rasterize_closed, rasterize_mesh};
+pub use rings::{NO_TRIANGLE, Rings};
 pub use shade::{
     Drawn, ProjectionKind, Style, View, four_sides, parallel_view, render, vertex_paint,
 };

@@ -1,10 +1,10 @@
 //! Decides which camera paints which triangle: the one that sees it best, balanced against borders between cameras
 //! (Lempitsky and Ivanov 2007, equation 1, solved by iterated conditional modes); then merges small regions.
 
-use super::rings::NONE;
 use super::visibility::{Visibility, facing};
 use super::{Parameters, Surface};
 use crate::array::three;
+use crate::mesh::NO_TRIANGLE;
 use nalgebra::Point3;
 use rayon::prelude::*;
 
@@ -208,7 +208,7 @@ pub(super) fn regions(labels: &[u16], across: &[[u32; 3]]) -> Vec<Vec<u32>> {
         while let Some(&triangle) = region.get(next) {
             next += 1;
             for n in across[triangle as usize] {
-                if n != NONE && !done[n as usize] && labels[n as usize] == labels[first] {
+                if n != NO_TRIANGLE && !done[n as usize] && labels[n as usize] == labels[first] {
                     done[n as usize] = true;
                     region.push(n);
                 }

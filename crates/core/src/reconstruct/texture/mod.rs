@@ -7,7 +7,6 @@ mod charts;
 mod exposure;
 mod labels;
 mod outline;
-mod rings;
 mod specks;
 mod unseen;
 mod view;
@@ -18,9 +17,8 @@ mod tests;
 
 use super::{Model, Scene, Texture};
 use crate::image::Mask;
-use crate::mesh::{self, Mesh};
+use crate::mesh::{self, Mesh, Rings};
 use nalgebra::Vector3;
-use rings::Rings;
 use view::View;
 use visibility::Visibility;
 

@@ -3,7 +3,7 @@
 
 use super::Surface;
 use super::labels::{UNSEEN, regions};
-use super::rings::NONE;
+use crate::mesh::NO_TRIANGLE;
 
 /// Texels below which a region is no chart of its own, at the pictures' resolution.
 const SPECK_TEXELS: f32 = 16.0;
@@ -70,7 +70,9 @@ fn beside(
 ) -> Option<Corner> {
     let mut sides = region.iter().flat_map(|&triangle| {
         let across = surface.across[triangle as usize].into_iter();
-        across.filter(|&n| n != NONE).map(move |n| (triangle, n))
+        across
+            .filter(|&n| n != NO_TRIANGLE)
+            .map(move |n| (triangle, n))
     });
     sides.find_map(|(own, other)| {
         if !has_chart[other as usize] {

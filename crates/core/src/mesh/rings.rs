@@ -1,14 +1,14 @@
-//! Finds the triangles around a vertex and beside a triangle, for smoothing over the surface.
+//! Finds the triangles around a vertex and beside a triangle, and smooths over them.
 
-use crate::mesh::Mesh;
+use super::Mesh;
 use nalgebra::Vector3;
 use rayon::prelude::*;
 
-/// No triangle.
-pub(super) const NONE: u32 = u32::MAX;
+/// What is across a side where there is no triangle.
+pub const NO_TRIANGLE: u32 = u32::MAX;
 
 /// The corners around each vertex; a corner is three times its triangle plus which of its corners it is.
-pub(super) struct Rings {
+pub struct Rings {
     starts: Vec<u32>,
     corners: Vec<u32>,
     /// For each corner the vertex that follows in its triangle.
@@ -17,7 +17,7 @@ pub(super) struct Rings {
 
 impl Rings {
     /// Sorts a mesh's corners by vertex, in linear time.
-    pub(super) fn new(mesh: &Mesh) -> Self {
+    pub fn new(mesh: &Mesh) -> Self {
         let flat = mesh.triangles.as_flattened();
         let mut starts = vec![0_u32; mesh.vertices.len() + 1];
         for &v in flat {
@@ -49,19 +49,19 @@ impl Rings {
     }
 
     /// The triangles around a vertex.
-    pub(super) fn triangles(&self, vertex: usize) -> impl Iterator<Item = usize> {
+    pub fn triangles(&self, vertex: usize) -> impl Iterator<Item = usize> {
         self.corners[self.range(vertex)]
             .iter()
             .map(|c| *c as usize / 3)
     }
 
     /// The vertices around a vertex: on a closed mesh each of them once.
-    pub(super) fn neighbors(&self, vertex: usize) -> impl Iterator<Item = usize> {
+    pub fn neighbors(&self, vertex: usize) -> impl Iterator<Item = usize> {
         self.next[self.range(vertex)].iter().map(|v| *v as usize)
     }
 
-    /// For each triangle the ones across its three sides; [`NONE`] where there is none.
-    pub(super) fn across(&self, mesh: &Mesh) -> Vec<[u32; 3]> {
+    /// For each triangle the ones across its three sides; [`NO_TRIANGLE`] where there is none.
+    pub fn across(&self, mesh: &Mesh) -> Vec<[u32; 3]> {
         let beside = |t: &[u32; 3]| [0, 1, 2].map(|i| self.on_side(t[(i + 1) % 3], t[i]));
         mesh.triangles.par_iter().map(beside).collect()
     }
@@ -69,15 +69,11 @@ impl Rings {
     /// The triangle that runs from vertex `from` to `to`.
     fn on_side(&self, from: u32, to: u32) -> u32 {
         let found = self.range(from as usize).find(|&i| self.next[i] == to);
-        found.map_or(NONE, |i| self.corners[i] / 3)
+        found.map_or(NO_TRIANGLE, |i| self.corners[i] / 3)
     }
 
-    /// Means `values` over each vertex and its neighbours.
-    pub(super) fn smoothed_normals(
-        &self,
-        mesh: &Mesh,
-        normals: &[Vector3<f32>],
-    ) -> Vec<Vector3<f32>> {
+    /// The normals of vertices, of which each is the mean over itself and its neighbours, three times over.
+    pub fn smoothed_normals(&self, mesh: &Mesh, normals: &[Vector3<f32>]) -> Vec<Vector3<f32>> {
         const PASSES: usize = 3;
         let mut current = normals.to_vec();
         for _ in 0..PASSES {
