@@ -236,9 +236,12 @@ function post(path: string, body: object, patience_ms = 70_000): Promise<unknown
 
 /** Who is signed in on this device; refused if nobody is. */
 export async function me(): Promise<Me> {
-  const found = (await get("/api/me")) as Me;
-  token = found.token;
-  return found;
+  return (await get("/api/me")) as Me;
+}
+
+/** From now on, what is asked for is asked in this session. */
+export function speakFor(session: Me): void {
+  token = session.token;
 }
 
 export async function pair(secret: string): Promise<void> {

@@ -103,6 +103,7 @@ class Page extends LitElement {
       const me = await api.me();
       if (turn < this.counting) return;
       this.counting = turn;
+      api.speakFor(me);
       this.isAway = false;
       this.isOver = false;
       if (!this.me) {

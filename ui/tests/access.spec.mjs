@@ -54,28 +54,38 @@ test("a viewer sees everything and has nothing to press", async ({ page, rig, ex
   expect(refused).toBe(403);
 });
 
-test("who signs in anew has that role, also while an older answer is on its way", async ({ page, rig }) => {
-  await enter(page, rig, "viewer");
-  let [asked, isNew] = [0, false];
-  let pass;
-  const later = new Promise((resolve) => (pass = resolve));
-  await page.route("**/api/me", async (route) => {
-    asked++;
-    const isOlder = !isNew;
-    const response = await route.fetch();
-    if (isOlder) await later;
-    else {
+for (const isOlderFirst of [true, false]) {
+  const when = isOlderFirst ? "before" : "after";
+  test(`who signs in anew is that one, also if an older answer comes ${when} the new one`, async ({ page, rig, expected }) => {
+    expected.push("401");
+    await enter(page, rig, "viewer");
+    let [asked, isNew] = [0, false];
+    let pass;
+    const later = new Promise((resolve) => (pass = resolve));
+    await page.route("**/api/me", async (route) => {
+      asked++;
+      const isOlder = !isNew;
+      const response = await route.fetch();
+      if (isOlder) await later;
+      else if (isOlderFirst) {
+        pass();
+        await page.waitForTimeout(500);
+      }
+      await route.fulfill({ response });
       pass();
-      await new Promise((resolve) => setTimeout(resolve, 500));
-    }
-    await route.fulfill({ response });
+    });
+    await page.reload();
+    await expect.poll(() => asked).toBeGreaterThan(0);
+    isNew = true;
+    await page.goto(rig.link("operator"));
+    await expect(page.getByRole("button", { name: /^(Begin the session|Press)$/ }).first()).toBeVisible();
+    await page.waitForTimeout(500);
+    await page.unroute("**/api/me");
+    // With the token of another session, this would be refused.
+    await page.getByRole("button", { name: "Sign out" }).click();
+    await expect(page.locator("pre")).toHaveText("scand page pair");
   });
-  await page.reload();
-  await expect.poll(() => asked).toBeGreaterThan(0);
-  isNew = true;
-  await page.goto(rig.link("operator"));
-  await expect(page.getByRole("button", { name: /^(Begin the session|Press)$/ }).first()).toBeVisible();
-});
+}
 
 test("who signs out on the page is out, and a reload brings nothing back", async ({ page, rig, expected }) => {
   expected.push("401");
