@@ -466,7 +466,7 @@ export const de: Words = {
   said_depth_off: "die Tiefe weicht stärker ab, als ihre Kalibrierung erlaubt: {cameras}",
   said_in_all: "insgesamt {length}",
   said_depth_outline: "der Umriss des Objekts in den Tiefenbildern liegt nicht dort, wo ihn die Hülle der Farbkameras hat: {cameras}; die Kalibrierung der einen oder der anderen ist vielleicht falsch",
-  said_depth_in_front: "außerhalb der Höhlungen liegt das Objekt in den Tiefenbildern vor der Oberfläche, die ihm die Farbkameras geben: {cameras}; die Kalibrierung der einen oder der anderen ist vielleicht falsch",
+  said_depth_in_front: "das Objekt liegt in den Tiefenbildern vor der Oberfläche, die ihm die Farbkameras geben: {cameras}; vielleicht ist die Kalibrierung der einen oder der anderen falsch, oder das Material des Objekts täuscht die Tiefenkamera",
   said_depth_behind: "außerhalb der Höhlungen liegt das Objekt in den Tiefenbildern hinter der Oberfläche, die ihm die Farbkameras geben: {cameras}; vielleicht blieb dort zu viel stehen, oder die Kalibrierung der einen oder der anderen ist falsch",
   said_depth_unchecked: "nichts in der Aufnahme zeigt, um wie viel die Tiefe abweicht: {cameras}; es können bis zu {length} sein, auch bei den Höhlungen",
   said_region_unread: "in der Höhlung liegen wenige Messwerte der Tiefe, darum ist ihre Form interpoliert: {cameras}",

@@ -464,7 +464,7 @@ export const en = {
   said_depth_off: "depth is off by more than its calibration allows: {cameras}",
   said_in_all: "; {length} in all",
   said_depth_outline: "the object's outline in the depth is not where the colour cameras' hull has it: {cameras}; the calibration of one or the other may be wrong",
-  said_depth_in_front: "outside of hollows, the depth has the object in front of the surface that the colour cameras give it: {cameras}; the calibration of one or the other may be wrong",
+  said_depth_in_front: "the depth has the object in front of the surface that the colour cameras give it: {cameras}; the calibration of one or the other may be wrong, or the object's material misleads the depth camera",
   said_depth_behind: "outside of hollows, the depth has the object behind the surface that the colour cameras give it: {cameras}; too much may stand there, or the calibration of one or the other may be wrong",
   said_depth_unchecked: "nothing in the capture shows by how much the depth is off: {cameras}; it may be up to {length}, and so may the hollows",
   said_region_unread: "few depth readings lie in the hollow, so its shape is interpolated: {cameras}",

@@ -4,7 +4,9 @@ use super::depth::{self, EnhancedDepth};
 use super::faired_surface::{FairedSurface, FairingResult, PlainHull};
 use super::fairing;
 use super::hull::{self, Cone, Hull};
-use super::region::{self, BesideRegions, Bias, HullRenderings, OutlineOffset, Regions};
+use super::region::{
+    self, BesideRegions, Bias, HullRenderings, InFrontOfHull, OutlineOffset, Regions,
+};
 use super::restore::{self, EvenWalls, Restored, Source, Template};
 use super::silhouette::{self, Silhouette};
 use super::surface::Solid;
@@ -138,6 +140,8 @@ pub struct DepthResult {
     pub outline: Option<OutlineOffset>,
     /// How far its readings are from the hull where the model stays the hull; `None` where that cannot be told.
     pub beside_regions: Option<BesideRegions>,
+    /// What was read in front of the hull, if that can be told.
+    pub in_front_of_hull: Option<InFrontOfHull>,
 }
 
 /// Pixels around the hull's image in which depth is enhanced: the filter's kernel wants them.
@@ -489,11 +493,14 @@ fn regions_of(
         let camera = &view.camera;
         add_free_space(&mut regions, &enhanced, &object, camera, errors, parameters);
         let beside_regions = region::beside_regions(in_rig, &enhanced, &regions, volume, &object);
+        let in_front_of_hull =
+            region::in_front_of_hull(in_rig, &enhanced, &regions, volume, &object);
         DepthResult {
             enhanced,
             regions,
             outline,
             beside_regions,
+            in_front_of_hull,
         }
     };
     let each = scene.depths.iter().zip(seen).enumerate();

@@ -78,6 +78,15 @@ impl HullRenderings {
             .any(|y| (x - 2..=x + 2).any(|x| self.depth.get(x, y).is_some_and(|d| d.is_infinite())))
     }
 
+    /// The most that the depth changes from a pixel to one of the eight around it, in metres; infinite beside an outline.
+    pub fn largest_change(&self, x: usize, y: usize) -> f32 {
+        let here = self.depth[(x, y)];
+        let (x, y) = (x as isize, y as isize);
+        let square = (y - 1..=y + 1).flat_map(|y| (x - 1..=x + 1).map(move |x| (x, y)));
+        let around = square.filter_map(|(x, y)| self.depth.get(x, y));
+        around.map(|depth| (depth - here).abs()).fold(0.0, f32::max)
+    }
+
     /// Slope of the front surface in metres a pixel, from whichever neighbours are part of it.
     pub fn slope(&self, x: usize, y: usize) -> f32 {
         let here = self.depth[(x, y)];

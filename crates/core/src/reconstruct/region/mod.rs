@@ -8,8 +8,9 @@
 //! - `support` decides which holes of the depth lie between a hollow's readings;
 //! - `segment` is the paper's segmentation (equation 5) of the difference;
 //! - `free_space` adds what a depth camera sees through although the hull claims it;
-//! - `in_front` tells where a depth camera reads the object in front of a hull that was faired;
+//! - `in_front_of_faired` tells where a depth camera reads the object in front of a hull that was faired;
 //! - `beside` compares depth and hull where the model stays the hull;
+//! - `in_front_of_hull` finds readings that no object within the hull can cause;
 //! - `outline` compares the object's outline in the depth with the hull's.
 
 mod beside;
@@ -17,7 +18,8 @@ mod bias;
 mod free_space;
 mod front;
 mod hollow;
-mod in_front;
+mod in_front_of_faired;
+mod in_front_of_hull;
 mod outline;
 mod segment;
 mod support;
@@ -26,7 +28,8 @@ pub use beside::{BesideRegions, beside_regions};
 pub use bias::{Bias, BiasSource, stated_bias};
 pub use free_space::{DepthPixel, Doubt, add_free_space};
 pub use front::{HullRenderings, front_vertices};
-pub use in_front::{FairedHullView, read_in_front};
+pub use in_front_of_faired::{FairedHullView, read_in_front};
+pub use in_front_of_hull::{InFrontOfHull, in_front_of_hull};
 pub use outline::{OutlineOffset, outline_offset};
 
 use crate::calibration::Volume;

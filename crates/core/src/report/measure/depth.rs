@@ -5,7 +5,7 @@ use crate::frame::CameraId;
 use crate::image::Grid;
 use crate::mesh::{Fragment, Mesh, rasterize_closed};
 use crate::reconstruct::depth::{DepthKind, Facts};
-use crate::reconstruct::region::{BesideRegions, Bias, OutlineOffset};
+use crate::reconstruct::region::{BesideRegions, Bias, InFrontOfHull, OutlineOffset};
 use crate::reconstruct::{DepthResult, DepthView};
 use crate::statistics::{nearest_rank_quantile, upper_median};
 use serde::Serialize;
@@ -30,6 +30,8 @@ pub struct DepthMeasures {
     pub outline: Option<OutlineOffset>,
     /// How far its readings lie from the hull where the model stays the hull; `None` where that cannot be told.
     pub beside_regions: Option<BesideRegions>,
+    /// What it read in front of the hull; `None` where that cannot be told.
+    pub in_front_of_hull: Option<InFrontOfHull>,
     /// Its concave regions and the free space that it sees; `None` where it has neither.
     pub regions: Option<RegionMeasures>,
 }
@@ -71,6 +73,7 @@ impl DepthMeasures {
             regions,
             outline,
             beside_regions,
+            in_front_of_hull,
         } = result;
         let kinds = enhanced.kind.pixels();
         let front = regions.front.is_front.pixels();
@@ -90,6 +93,7 @@ impl DepthMeasures {
             sigma_difference: f64::from(regions.sigma_difference),
             outline: *outline,
             beside_regions: *beside_regions,
+            in_front_of_hull: *in_front_of_hull,
             regions: (regions.count > 0)
                 .then(|| RegionMeasures::of(view, result, model, front_pixels)),
         }
@@ -115,6 +119,7 @@ impl DepthMeasures {
             sigma_difference: 0.0,
             outline: None,
             beside_regions: None,
+            in_front_of_hull: None,
             regions: None,
         }
     }

@@ -173,31 +173,32 @@ fn outlines(seeing: &[&DepthMeasures], parameters: &Parameters) -> Option<Reason
     )
 }
 
-/// Depth cameras that read the object elsewhere where the model stays the hull. The hull contains the object, so that
-/// no reading is in front of it; and readings behind it show how much too large it is.
+/// Depth cameras that read the object elsewhere than the hull allows. The hull contains the object, so that no reading
+/// is in front of it, be it on a rim; and where the model stays the hull, readings behind it show how much too large it
+/// is.
 fn elsewhere(seeing: &[&DepthMeasures], parameters: &Parameters) -> Option<Reason> {
-    let contradiction = |d: &&DepthMeasures| {
-        let found = d.beside_regions?.contradiction();
-        Some((d.camera.clone(), 1e3 * found))
+    let beside = |d: &DepthMeasures| d.beside_regions.map_or(0.0, |found| found.contradiction());
+    let ahead = |d: &DepthMeasures| {
+        d.in_front_of_hull
+            .map_or(0.0, |found| found.contradiction())
     };
-    let each: Vec<(CameraId, f64)> = seeing.iter().filter_map(contradiction).collect();
-    let of_side = |sign: f64, words: fn(&str) -> String| {
+    let of_side = |metres: &dyn Fn(&DepthMeasures) -> f64, words: fn(&str) -> String| {
         about_cameras(
             ReasonCode::DepthElsewhere,
             &parameters.elsewhere_mm,
-            each.iter().map(|(camera, found)| (camera, sign * found)),
+            seeing.iter().map(|d| (&d.camera, 1e3 * metres(d))),
             |v| format!("{v:.1} mm"),
             words,
         )
     };
-    let in_front = of_side(-1.0, |names| {
+    let in_front = of_side(&|d| ahead(d).max(-beside(d)), |names| {
         format!(
-            "outside of hollows, the depth has the object in front of the surface that the colour cameras give it: {names}; \
-            the calibration of one or the other may be wrong"
+            "the depth has the object in front of the surface that the colour cameras give it: {names}; the calibration of \
+            one or the other may be wrong, or the object's material misleads the depth camera"
         )
     });
     in_front.or_else(|| {
-        of_side(1.0, |names| {
+        of_side(&beside, |names| {
             format!(
                 "outside of hollows, the depth has the object behind the surface that the colour cameras give it: {names}; \
                 too much may stand there, or the calibration of one or the other may be wrong"

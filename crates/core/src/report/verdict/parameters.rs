@@ -107,8 +107,9 @@ pub struct Parameters {
     pub bias_excess_mm: Limits,
     /// Millimetres between the object's outline as a depth camera read it and that of the hull. Default 1.
     pub outline_mm: Limits,
-    /// Millimetres by which a depth camera reads the object elsewhere where the model is the hull, beyond what its bias
-    /// may be: half of the readings behind it, or a fifth in front of it. Default 0.8.
+    /// Millimetres by which a depth camera reads the object elsewhere than the hull, beyond what its bias may be: where
+    /// the model is the hull, half of the readings behind it or a fifth in front of it; anywhere, half of those that
+    /// are in front for certain. Default 0.8.
     pub elsewhere_mm: Limits,
     /// Bias in millimetres that a depth camera may have where its recording does not say. Default 10.
     #[serde(deserialize_with = "crate::range::within::<_, f64, 0, 1000000>")]

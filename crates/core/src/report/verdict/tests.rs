@@ -4,7 +4,7 @@ use super::*;
 use crate::capture::{ColorFacts, LeftOutCamera, Silhouette};
 use crate::frame::{CaptureId, Timestamp};
 use crate::mesh;
-use crate::reconstruct::region::{BesideRegions, BiasSource, OutlineOffset};
+use crate::reconstruct::region::{BesideRegions, BiasSource, InFrontOfHull, OutlineOffset};
 use crate::reconstruct::uncertainty::UnrequiredPiece;
 use crate::reconstruct::{Method, Provenance, silhouette};
 use crate::report::{
@@ -294,6 +294,32 @@ fn an_object_that_was_read_elsewhere_is_amber_beyond_what_the_bias_may_be() {
             "{words}"
         );
     }
+}
+
+#[test]
+fn a_rim_that_was_read_in_front_of_the_hull_is_amber() {
+    let of = |pixels| {
+        let mut measured = measured();
+        let mut depth = crate::report::DepthMeasures::nothing(id("kinect"));
+        depth.facts.measured = 1000;
+        depth.in_front_of_hull = Some(InFrontOfHull {
+            pixels,
+            median: 3.5e-3,
+            bias_error: 0.5e-3,
+        });
+        measured.depth_cameras = 1;
+        measured.depths = vec![depth];
+        judged(&measured, &capture())
+    };
+    assert_eq!(of(3).level, Level::Green);
+    let verdict = of(300);
+    assert_eq!(codes(&verdict, Level::Amber), [ReasonCode::DepthElsewhere]);
+    let words = &verdict.reasons[0].words;
+    assert!(
+        words.starts_with("the depth has the object in front of"),
+        "{words}"
+    );
+    assert!(words.contains("kinect (3.0 mm)"), "{words}");
 }
 
 #[test]

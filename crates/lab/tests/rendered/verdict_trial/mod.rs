@@ -123,10 +123,13 @@ fn judged(measured: &Measurements, verdict: &Verdict) -> String {
         .iter()
         .filter_map(|d| Some(d.beside_regions?.contradiction()));
     let elsewhere = 1e3 * elsewhere.fold(0.0, |a: f64, b| if b.abs() > a.abs() { b } else { a });
+    let ahead = measured.depths.iter().filter_map(|d| d.in_front_of_hull);
+    let ahead = ahead.max_by_key(|found| found.pixels);
+    let ahead = ahead.map_or((0, 0.0), |found| (found.pixels, 1e3 * found.median));
     let blur_px = measured.colors.iter().filter_map(|c| c.silhouette.blur_px);
     format!(
         "{:?} [{}]; stated {:.2} mm, guessed {:.3}, lids {:.3}, bridged {:.3}, unread {unread:.2}, blur {:.1} px, outline \
-        {apart:.2} mm, elsewhere {elsewhere:.2} mm",
+        {apart:.2} mm, elsewhere {elsewhere:.2} mm, in front {ahead:?}",
         verdict.level,
         codes.join(", "),
         1e3 * model.mean_expected_error,
