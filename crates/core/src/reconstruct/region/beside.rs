@@ -1,6 +1,7 @@
 //! How far the depth that was read lies behind the hull where the model stays the hull. The hull contains the object,
 //! so that no reading is in front of it, and where it is the model, none is far behind: if readings are, then the
-//! calibration of the depth camera or of the colour cameras is wrong, or the hull is. Rims are left out. Nothing here carves.
+//! calibration of the depth camera or of the colour cameras is wrong, or the hull is. Rims are left out. Nothing here
+//! carves.
 
 use super::Regions;
 use super::bias::{BiasSource, spread_between_places};

@@ -78,13 +78,11 @@ impl HullRenderings {
             .any(|y| (x - 2..=x + 2).any(|x| self.depth.get(x, y).is_some_and(|d| d.is_infinite())))
     }
 
-    /// The most that the depth changes from a pixel to one of the eight around it, in metres; infinite beside an outline.
+    /// The most that the depth changes from a pixel to one beside it, in metres; infinite beside an outline.
     pub fn largest_change(&self, x: usize, y: usize) -> f32 {
-        let here = self.depth[(x, y)];
-        let (x, y) = (x as isize, y as isize);
-        let square = (y - 1..=y + 1).flat_map(|y| (x - 1..=x + 1).map(move |x| (x, y)));
-        let around = square.filter_map(|(x, y)| self.depth.get(x, y));
-        around.map(|depth| (depth - here).abs()).fold(0.0, f32::max)
+        largest_change(x as isize, y as isize, |x, y| {
+            self.depth.get(x, y).copied().unwrap_or(f32::INFINITY)
+        })
     }
 
     /// Slope of the front surface in metres a pixel, from whichever neighbours are part of it.
@@ -101,6 +99,14 @@ impl HullRenderings {
         };
         along(to(-1, 0), to(1, 0)).hypot(along(to(0, -1), to(0, 1)))
     }
+}
+
+/// The most that a depth changes from a pixel to one beside it, in metres; infinite where that has none.
+pub fn largest_change(x: isize, y: isize, depth: impl Fn(isize, isize) -> f32) -> f32 {
+    let here = depth(x, y);
+    let beside = [(x - 1, y), (x + 1, y), (x, y - 1), (x, y + 1)];
+    let change = beside.map(|(x, y)| (depth(x, y) - here).abs());
+    change.into_iter().fold(0.0, f32::max)
 }
 
 /// Equations 3 and 4: vertices where the median of n·d over the vertex and its neighbours exceeds

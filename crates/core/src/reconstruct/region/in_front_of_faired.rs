@@ -3,6 +3,7 @@
 //! what lies within two pixels, so that neither a step in depth nor a single stray reading proves anything. A reading
 //! in front of the plain hull, which contains the object, is not of this place.
 
+use super::front::largest_change;
 use super::segment::{dilate, erode};
 use super::{Bias, BiasSource, HullRenderings, Parameters, stated_bias};
 use crate::calibration::DepthCamera;
@@ -79,16 +80,8 @@ impl FairedHullView<'_> {
         if !read.is_finite() || !surface.is_finite() {
             return false;
         }
-        let of_surface = |x, y| {
-            self.faired
-                .depth
-                .get(x, y)
-                .copied()
-                .unwrap_or(f32::INFINITY)
-        };
-        let change =
-            largest_change(column, row, of_surface)
-                .max(largest_change(column, row, |x, y| self.read(x, y)));
+        let of_reading = largest_change(column, row, |x, y| self.read(x, y));
+        let change = self.faired.largest_change(x, y).max(of_reading);
         read + self.doubt(x, y, bias) + change < surface
     }
 
@@ -109,14 +102,6 @@ impl FairedHullView<'_> {
         }
         points
     }
-}
-
-/// The most that a depth changes from a pixel to one beside it, in metres; infinite where that has none.
-fn largest_change(x: isize, y: isize, depth: impl Fn(isize, isize) -> f32) -> f32 {
-    let here = depth(x, y);
-    let beside = [(x - 1, y), (x + 1, y), (x, y - 1), (x, y + 1)];
-    let change = beside.map(|(x, y)| (depth(x, y) - here).abs());
-    change.into_iter().fold(0.0, f32::max)
 }
 
 /// The pixels of a mask that lie in a part of it that is [`AROUND_PX`] wide on all sides of a pixel.
