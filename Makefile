@@ -89,8 +89,8 @@ error-trial: ## compare the errors that models state with the truth, over shapes
 surface-trial: ## hold an egg, a ball and a prism to what is promised of them, and every shape and method to itself without fairing, over N seeds (3)
 	$(CARGO) test --release --locked --package scand-lab --test rendered surface_trial -- --include-ignored --nocapture --test-threads 1
 
-verdict-trial: ## compare the verdicts on N simulated captures (240), with faults and without, with the truth, and print a table
-	N=$(or $(N),240) $(CARGO) test --release --locked --package scand-lab --test rendered verdict_trial::verdict_trial -- --ignored --nocapture
+verdict-trial: ## compare the verdicts on N simulated captures (255), with faults and without, with the truth, and print a table
+	N=$(or $(N),255) $(CARGO) test --release --locked --package scand-lab --test rendered verdict_trial::verdict_trial -- --ignored --nocapture
 
 fusion-trial: ## fuse rendered sessions of ten shapes in N random poses each (10), bowls with fruit, pots with rings, other calibrations and what must not be fused, and show what each capture adds; print a table, or the rows with the word ONLY in their name
 	N=$(or $(N),10) $(CARGO) test --release --locked --test offline fusion_trial::ten_shapes -- --ignored --nocapture --test-threads 1

@@ -37,6 +37,12 @@ pub(super) fn check(options: &Options) -> Result<(), Error> {
         ("depth smear", depth.smear_px, [0.0, 9.0], " px"),
         ("depth bias", depth.bias_mm, [-200.0, 200.0], " mm"),
         (
+            "depth bias of the object",
+            depth.object_bias_mm,
+            [-200.0, 200.0],
+            " mm",
+        ),
+        (
             "calibration error",
             options.faults.calibration_px,
             [0.0, 10.0],

@@ -78,6 +78,7 @@ impl DepthScene {
                 station,
                 bvh: object.map(Bvh::new),
                 mesh: &mesh,
+                of_object: object.map_or(0, |o| o.triangles.len()),
                 layer: &layer,
                 reach: object.map_or(0.0, |o| Bounds::of(o).radius() + 0.04),
             };
@@ -149,6 +150,8 @@ struct PixelReader<'a> {
     station: &'a DepthStation,
     bvh: Option<Bvh>,
     mesh: &'a Mesh,
+    /// So many triangles of the mesh, the first ones, are the object's; the others are the table's.
+    of_object: usize,
     layer: &'a Layer,
     /// Beyond this distance from the axis nothing can lie in the projector's shadow.
     reach: f64,
@@ -170,7 +173,6 @@ impl PixelReader<'_> {
 
     /// Disparity at a pixel and the probability that it cannot be read; `None` where nothing is.
     fn look(&self, x: usize, y: usize) -> Option<(f64, f32)> {
-        let bias = self.sensor.bias_mm * 1e-3;
         let (mut sum, mut count, mut all) = (0.0, 0.0, 0.0);
         let (mut low, mut high) = (f64::INFINITY, f64::NEG_INFINITY);
         let half = ((self.sensor.smear_px * FINE as f64 - 1.0) / 2.0)
@@ -180,7 +182,7 @@ impl PixelReader<'_> {
             for dx in -half..=half {
                 all += 1.0;
                 if let Some(fragment) = self.sample(x, y, dx, dy) {
-                    let value = disparity(f64::from(fragment.depth) + bias);
+                    let value = disparity(f64::from(fragment.depth) + self.bias_at(fragment));
                     (low, high) = (low.min(value), high.max(value));
                     sum += value;
                     count += 1.0;
@@ -204,6 +206,17 @@ impl PixelReader<'_> {
             failure = 1.0;
         }
         Some((sum / count, failure as f32))
+    }
+
+    /// Metres that the sensor reads what is there too deep.
+    fn bias_at(&self, fragment: Fragment) -> f64 {
+        let is_object = (fragment.triangle as usize) < self.of_object;
+        let of_material = if is_object {
+            self.sensor.object_bias_mm
+        } else {
+            0.0
+        };
+        1e-3 * (self.sensor.bias_mm + of_material)
     }
 
     fn sample(&self, x: usize, y: usize, dx: isize, dy: isize) -> Option<Fragment> {

@@ -205,6 +205,8 @@ pub struct DepthSensor {
     pub smear_px: f64,
     /// Millimetres that readings are too deep, which the recording does not know. Default 0.
     pub bias_mm: f64,
+    /// Millimetres by which readings of the object are deeper still, as its material may make them. Default 0.
+    pub object_bias_mm: f64,
     /// Pixels by which the depth is displaced against what the calibration says. Default 0.
     pub misregistration_px: f64,
     /// How the sensor responds. Default `ideal`.
@@ -225,6 +227,7 @@ impl Default for DepthSensor {
             holes: true,
             smear_px: 1.5,
             bias_mm: 0.0,
+            object_bias_mm: 0.0,
             misregistration_px: 0.0,
             response: Response::Ideal,
             color_every: 1,

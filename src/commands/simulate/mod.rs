@@ -148,6 +148,9 @@ struct DepthArgs {
     /// Make readings too deep by this, without recording it; a plain number counts millimetres.
     #[arg(long, value_name = "LENGTH", value_parser = millimetres, allow_negative_numbers = true)]
     depth_bias_mm: Option<f64>,
+    /// Make readings of the object deeper by this, as some materials do; a plain number counts millimetres.
+    #[arg(long, value_name = "LENGTH", value_parser = millimetres, allow_negative_numbers = true)]
+    depth_object_bias_mm: Option<f64>,
     /// Displace the depth against its calibration.
     #[arg(long, value_name = "PX")]
     misregistration_px: Option<f64>,
@@ -351,6 +354,7 @@ fn take_depth(options: &mut Options, args: DepthArgs) {
     take(&mut depth.noise_steps, args.depth_noise_steps);
     take(&mut depth.pattern_steps, args.depth_pattern_steps);
     take(&mut depth.bias_mm, args.depth_bias_mm);
+    take(&mut depth.object_bias_mm, args.depth_object_bias_mm);
     take(&mut depth.misregistration_px, args.misregistration_px);
     take(&mut depth.response, args.depth_response);
     take(&mut depth.color_every, args.depth_color_every);

@@ -1,12 +1,12 @@
 //! The room `report` on simulated rigs: captures without faults are green, faults are named, the report follows its
 //! schema, and the sheet can be drawn.
 
-use nalgebra::{Point2, Vector2, Vector3};
+use nalgebra::{Vector2, Vector3};
 use scand_core::calibration::Volume;
 use scand_core::capture::CaptureFacts;
 use scand_core::description::Description;
 use scand_core::frame::{CameraId, CaptureId, Timestamp};
-use scand_core::image::{Grid, RgbImage};
+use scand_core::image::RgbImage;
 use scand_core::level::Level;
 use scand_core::notes::CaptureNotes;
 use scand_core::reconstruct::{
@@ -151,39 +151,19 @@ fn a_sound_capture_is_green_and_its_report_is_as_published() {
 /// The sensor reads some materials too near. The table shows no bias then, and of a bowl only the rim tells.
 #[test]
 fn a_bowl_that_is_read_too_near_is_named_by_its_rim_and_one_that_is_read_right_is_not() {
-    let found = |millimetres: u16| {
-        let options = Options {
-            shape: Shape::Bowl,
-            cameras: 8,
-            width: 480,
-            height: 360,
-            masks: true,
-            ..Options::default()
-        };
-        let mut scene = Simulation::new(options).unwrap().scene(0);
-        let view = &mut scene.depths[0];
-        for frame in &mut view.frames {
-            let (camera, readings) = (&view.camera, &mut frame.readings);
-            *readings = Grid::from_fn(readings.width(), readings.height(), |x, y| {
-                let read = readings[(x, y)];
-                let pixel = Point2::new(x as f64, y as f64);
-                let depth = camera.response.depth(read);
-                let point = depth.and_then(|depth| camera.point(pixel, depth));
-                let is_object = point.is_some_and(|p| p.z > 3e-3);
-                if is_object { read - millimetres } else { read }
-            });
-        }
-        let mut parameters = reconstruct::Parameters::default();
-        parameters.hull.resolution = 150.0;
-        let made = reconstruct(&scene, &parameters, &NoProgress).unwrap();
+    let found = |object_bias_mm: f64| {
+        let (scene, made) = simulated_at(150.0, |o| {
+            o.shape = Shape::Bowl;
+            o.depth.object_bias_mm = object_bias_mm;
+        });
         let measured = measure(&scene, &made, Method::Hybrid);
         let reasons = judge(&measured, &facts(), &Parameters::default()).reasons;
         let is_named = reasons.iter().any(|r| r.code == ReasonCode::DepthElsewhere);
         (is_named, measured.depths[0].in_front_of_hull.unwrap())
     };
-    let (is_named, right) = found(0);
+    let (is_named, right) = found(0.0);
     assert!(!is_named && right.pixels < 5, "{right:?}");
-    let (is_named, near) = found(5);
+    let (is_named, near) = found(-5.0);
     assert!(is_named, "{near:?}");
     assert!((near.median - 5e-3).abs() < 2e-3, "{near:?}");
 }

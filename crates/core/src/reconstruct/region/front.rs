@@ -102,7 +102,7 @@ impl HullRenderings {
 }
 
 /// The most that a depth changes from a pixel to one beside it, in metres; infinite where that has none.
-pub fn largest_change(x: isize, y: isize, depth: impl Fn(isize, isize) -> f32) -> f32 {
+pub(super) fn largest_change(x: isize, y: isize, depth: impl Fn(isize, isize) -> f32) -> f32 {
     let here = depth(x, y);
     let beside = [(x - 1, y), (x + 1, y), (x, y - 1), (x, y + 1)];
     let change = beside.map(|(x, y)| (depth(x, y) - here).abs());

@@ -52,9 +52,10 @@ enum Round {
     Calibrations,
     ColorFocal,
     DepthFocal,
+    Material,
 }
 
-const ROUNDS: [Round; 16] = [
+const ROUNDS: [Round; 17] = [
     Round::Rig(11, 1, 4.0),
     Round::Rig(11, 1, 4.0),
     Round::Rig(16, 2, 4.0),
@@ -71,6 +72,7 @@ const ROUNDS: [Round; 16] = [
     Round::Calibrations,
     Round::ColorFocal,
     Round::DepthFocal,
+    Round::Material,
 ];
 
 /// Captures in which each shape has been in each round.
@@ -146,6 +148,7 @@ impl Case {
                 let times = [0.92, 0.95, 1.04, 1.06, 1.1][kind];
                 self.calibration = Calibration::DepthFocal(times);
             }
+            Round::Material => options.depth.object_bias_mm = [-4.0, 4.0, -8.0, 8.0, -2.0][kind],
         }
     }
 
@@ -223,6 +226,10 @@ impl Case {
             unless(
                 depth.bias_mm == 0.0,
                 format!(", depth off by {} mm", depth.bias_mm),
+            ),
+            unless(
+                depth.object_bias_mm == 0.0,
+                format!(", depth of the object off by {} mm", depth.object_bias_mm),
             ),
             unless(
                 depth.misregistration_px == 0.0,

@@ -1,5 +1,5 @@
 //! Tests whether verdicts are true: many captures with and without faults are reconstructed and judged, and the models
-//! compared with the truth. `make verdict-trial` runs 240 and prints a table, the tests a dozen.
+//! compared with the truth. `make verdict-trial` runs 255 and prints a table, the tests a dozen.
 
 mod cases;
 
