@@ -79,7 +79,7 @@ pub fn run(args: Args) -> anyhow::Result<ExitCode> {
         settings: &settings,
         calibration: None,
         force: false,
-        folder: folder_of(&args.out, first),
+        folder: folder_for(&writes, &args.subject).unwrap_or_else(|| folder_of(&args.out, first)),
         on_stage: &|_, _| {},
     };
     let request = ObjectRequest {
@@ -148,6 +148,14 @@ fn sources<'a>(sessions: &'a [CaptureSession], found: &'a Gathered) -> Vec<Sourc
 fn folder_of(models: &Path, recording: &Path) -> PathBuf {
     let complete = finished_name(recording).unwrap_or_else(|| recording.to_owned());
     models.join(complete.file_stem().unwrap_or_default())
+}
+
+/// Where the object's model is already, among the models of these recordings: its earliest capture may have been of
+/// another recording, and was rejected since.
+fn folder_for(writes: &[PathBuf], subject: &str) -> Option<PathBuf> {
+    let name = object_folder_name(subject);
+    let found = writes.iter().find(|folder| folder.join(&name).exists());
+    found.cloned()
 }
 
 /// The message to the daemon about how captures lie.
@@ -229,6 +237,16 @@ mod tests {
     struct Cli {
         #[command(flatten)]
         args: Args,
+    }
+
+    #[test]
+    fn a_model_that_is_there_is_replaced_where_it_is() {
+        let root = tempfile::tempdir().unwrap();
+        let writes = ["a", "a-002"].map(|name| root.path().join(name));
+        assert_eq!(folder_for(&writes, "Inv. 17"), None);
+        std::fs::create_dir_all(writes[1].join(object_folder_name("Inv. 17"))).unwrap();
+        assert_eq!(folder_for(&writes, "Inv. 17").as_ref(), Some(&writes[1]));
+        assert_eq!(folder_for(&writes, "17"), None);
     }
 
     #[test]

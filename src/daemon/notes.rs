@@ -80,6 +80,8 @@ pub(super) struct NoteEffects {
     /// Notes on captures whose models are being made, which may not have read them.
     pub(super) late: Mutex<BTreeMap<String, Vec<CaptureNote>>>,
     pub(super) dispatcher: Arc<Dispatcher>,
+    /// Held while a model is marked: its report is read, changed and written, and notes come on several threads.
+    pub(super) marking: Mutex<()>,
 }
 
 impl NoteEffects {
@@ -106,6 +108,7 @@ impl NoteEffects {
             .models
             .iter()
             .flat_map(|models| folders(models, &capture));
+        let _alone = self.marking.lock();
         for folder in folders {
             log_failure(mark_also(&folder, std::slice::from_ref(&said)), &capture);
         }
@@ -129,6 +132,7 @@ impl NoteEffects {
             return;
         };
         let said = self.late.lock().remove(capture);
+        let _alone = self.marking.lock();
         if let (Some(said), Event::Done { model, .. }) = (said, event) {
             log_failure(mark_also(model, &said), capture);
         }

@@ -447,6 +447,36 @@ fn backgrounds_are_kept_known_after_a_restart_and_in_every_recording() {
 }
 
 #[test]
+fn where_captures_go_on_without_a_camera_its_earlier_background_stays() {
+    let stand = start(|plan| plan.sync.go_on_without_missing = true);
+    let words = stand.ask(Order::Background).unwrap();
+    assert!(!words.contains("no new one"), "{words}");
+    stand.behaviour("c00", Behaviour::Loses);
+    let words = stand.ask(Order::Background).unwrap();
+    assert!(words.contains("2 background pictures"), "{words}");
+    assert!(words.ends_with("; there is no new one of c00"), "{words}");
+    stand.until(|s| s.plates_age_h.is_some());
+    for name in ["c01", "c02"] {
+        stand.behaviour(name, Behaviour::Loses);
+    }
+    let refused = stand.ask(Order::Background).unwrap_err();
+    assert!(
+        refused.contains("no colour camera gave a picture"),
+        "{refused}"
+    );
+    for name in ["c00", "c01", "c02"] {
+        stand.behaviour(name, Behaviour::Sound);
+    }
+    assert!(matches!(stand.press().last(), Some(Reply::Durable { .. })));
+    let (folder, _) = stand.stop();
+    let found = &recordings(folder.path())[0];
+    for name in ["c00", "c01", "c02"] {
+        let topic = Topic::Color(CameraId::new(name).unwrap(), ColorPart::Background);
+        assert_eq!(found.messages(&topic).len(), 1, "{name}");
+    }
+}
+
+#[test]
 fn a_recording_that_was_moved_keeps_its_models() {
     let folder = tempfile::tempdir().unwrap();
     let models = folder.path().join("models");

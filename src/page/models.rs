@@ -119,6 +119,13 @@ pub(super) fn is_name(name: &str) -> bool {
     (1..=80).contains(&name.len()) && !name.starts_with('.') && name.bytes().all(is_fine)
 }
 
+/// Whether this can be the name of a model's folder: that of a capture, or of an object, where other signs of its number
+/// are %XX ([`crate::make_model::object_folder_name`]).
+fn is_model_name(name: &str) -> bool {
+    let is_fine = |b: u8| b.is_ascii_alphanumeric() || b"._%-".contains(&b);
+    (1..=200).contains(&name.len()) && !name.starts_with('.') && name.bytes().all(is_fine)
+}
+
 /// The folder of models.
 #[derive(Clone, Debug)]
 pub(super) struct Models {
@@ -136,7 +143,7 @@ impl Models {
 
     /// The recordings that have models, the newest first.
     pub(super) fn recordings(&self) -> Listing<RecordingFolder> {
-        let found = File::open(&self.folder).map(|folder| folders(&folder));
+        let found = File::open(&self.folder).map(|folder| folders(&folder, is_name));
         let found = found.unwrap_or_default().into_iter();
         let mut newest: Vec<_> = found
             .map(|(name, changed_s)| RecordingFolder { name, changed_s })
@@ -149,7 +156,7 @@ impl Models {
 
     /// The captures of a recording, the newest first; `None` if no recording has this name.
     pub(super) fn captures(&self, recording: &str) -> Option<Listing<Summary>> {
-        let found = folders(&self.open_recording(recording)?).into_iter();
+        let found = folders(&self.open_recording(recording)?, is_model_name).into_iter();
         let mut names: Vec<_> = found.map(|(name, _)| name).collect();
         names.sort_by(|a, b| b.cmp(a));
         let all = names.len();
@@ -180,7 +187,9 @@ impl Models {
         let others = self.recordings().newest.into_iter();
         for other in others.filter(|other| other.name != recording) {
             let folder = self.open_recording(&other.name);
-            let names = folder.map(|folder| folders(&folder)).unwrap_or_default();
+            let names = folder
+                .map(|folder| folders(&folder, is_model_name))
+                .unwrap_or_default();
             let mut names: Vec<_> = names.into_iter().map(|(name, _)| name).collect();
             names.sort_by(|a, b| b.cmp(a));
             for name in names.into_iter().take(MOST) {
@@ -212,7 +221,9 @@ impl Models {
         const CAPTURES: usize = 50;
         for recording in self.recordings().newest.into_iter().take(RECORDINGS) {
             let folder = self.open_recording(&recording.name);
-            let mut names = folder.map(|folder| folders(&folder)).unwrap_or_default();
+            let mut names = folder
+                .map(|folder| folders(&folder, is_model_name))
+                .unwrap_or_default();
             names.sort_by(|a, b| (b.1, &b.0).cmp(&(a.1, &a.0)));
             for (name, _) in names.into_iter().take(CAPTURES) {
                 // An object's model has cameras of several captures.
@@ -285,7 +296,7 @@ impl Models {
         capture: &str,
         file: ModelFile,
     ) -> Option<(File, u64, String)> {
-        if !is_name(recording) || !is_name(capture) {
+        if !is_name(recording) || !is_model_name(capture) {
             return None;
         }
         let path = format!("{recording}/{capture}/{}", file.name());
@@ -321,15 +332,16 @@ fn read_report(file: File, size: u64) -> Option<Report> {
     serde_json::from_slice(&text).ok()
 }
 
-/// The folders in an open folder, by name, and when they changed, in seconds since 1970; not what a link leads to.
-fn folders(folder: &File) -> Vec<(String, u64)> {
+/// The folders in an open folder whose names are fine, and when they changed, in seconds since 1970; not what a link
+/// leads to.
+fn folders(folder: &File, is_fine: impl Fn(&str) -> bool) -> Vec<(String, u64)> {
     let entries = Dir::read_from(folder).into_iter().flatten().flatten();
     let entries = entries.take(100 * MOST).filter_map(|entry| {
         let name = entry.file_name().to_str().ok()?;
         let found = statat(folder, entry.file_name(), AtFlags::SYMLINK_NOFOLLOW).ok()?;
         let is_folder = FileType::from_raw_mode(found.st_mode) == FileType::Directory;
         let changed_s = u64::try_from(found.st_mtime).ok()?;
-        (is_folder && is_name(name)).then(|| (name.to_owned(), changed_s))
+        (is_folder && is_fine(name)).then(|| (name.to_owned(), changed_s))
     });
     entries.collect()
 }
@@ -398,6 +410,28 @@ mod tests {
         assert!(found.has_model && !found.has_preview);
         assert!(models.has_report("amphora", "amphora-0001"));
         assert!(!models.has_report("amphora", "amphora-0002"));
+    }
+
+    #[test]
+    fn an_object_is_listed_and_opened_whatever_signs_its_number_has() {
+        let (root, models) = models();
+        let name = crate::make_model::object_folder_name("Inv. 12/ä");
+        let folder = root.path().join("models/amphora").join(&name);
+        std::fs::create_dir_all(&folder).unwrap();
+        std::fs::write(folder.join("model.glb"), "glTF").unwrap();
+        let listed = models.captures("amphora").unwrap().newest;
+        assert!(
+            listed
+                .iter()
+                .any(|found| found.capture == name && found.has_model)
+        );
+        assert!(models.open("amphora", &name, ModelFile::Glb).is_some());
+        for hostile in ["..", "a%2fb/c", "a b", "%00\0", ""] {
+            assert!(
+                models.open("amphora", hostile, ModelFile::Glb).is_none(),
+                "{hostile:?}"
+            );
+        }
     }
 
     #[test]

@@ -3,7 +3,7 @@
 import { html, nothing, type TemplateResult } from "lit";
 import * as api from "./api";
 import { Part } from "./element";
-import { date, decision, title, verdict } from "./history";
+import { date, decision, link, title, verdict } from "./history";
 import { difference, number, t } from "./words";
 
 interface Model {
@@ -231,13 +231,12 @@ class ComparePart extends Part {
   }
 
   private table(other: api.Summary, [own, others]: [Model, Model]): TemplateResult {
-    const link = `#/history/${other.recording}/${other.capture}`;
     return html`<table data-compared>
       <thead>
         <tr>
           <th scope="col">${t("figures")}</th>
           <th scope="col"><bdi>${title(this.summary.capture)}</bdi></th>
-          <th scope="col"><a href=${link}><bdi>${title(other.capture)}</bdi></a></th>
+          <th scope="col"><a href=${link(other.recording, other.capture)}><bdi>${title(other.capture)}</bdi></a></th>
           <th scope="col">${t("difference")}</th>
         </tr>
       </thead>

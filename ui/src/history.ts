@@ -7,6 +7,11 @@ import { sign } from "./signs";
 import { age, isKey, type Key, language, t } from "./words";
 import { said, spoken } from "./words/said";
 
+/** Where a capture's or an object's model is shown. The folder of an object has signs of its number as %XX. */
+export function link(recording: string, capture: string): string {
+  return `#/history/${encodeURIComponent(recording)}/${encodeURIComponent(capture)}`;
+}
+
 export function date(seconds: number): string {
   const format = new Intl.DateTimeFormat(language(), { dateStyle: "medium", timeStyle: "short" });
   return format.format(new Date(seconds * 1000));
@@ -173,7 +178,7 @@ class HistoryPart extends Part {
     const first = capture.reasons[0];
     const words = first && (generally(first.code) || said(first.words));
     return html`
-      <a class="card capture" href="#/history/${capture.recording}/${capture.capture}">
+      <a class="card capture" href=${link(capture.recording, capture.capture)}>
         ${capture.has_preview
           ? html`<img loading="lazy" decoding="async" src=${picture} alt=${t("preview_of", { capture: capture.capture })} />`
           : nothing}

@@ -6,7 +6,7 @@ import { platesLimit } from "./configured";
 import type { DoPart } from "./do";
 import "./do";
 import { Part } from "./element";
-import { decision, verdict } from "./history";
+import { decision, link, verdict } from "./history";
 import { live } from "./live";
 import { list } from "./reasons";
 import { shown, sign } from "./signs";
@@ -76,12 +76,12 @@ class NowPart extends Part {
 
   private last(last: Last, shown: string): TemplateResult {
     const name = html`<bdi>${last.capture}</bdi>`;
-    const link = `#/history/${last.recording ?? ""}/${last.capture}`;
+    const address = link(last.recording ?? "", last.capture);
     const hasModel = [...MODELS, "model_failed"].includes(last.sign) && last.recording !== null;
     const subject = last.subject ? html` (<bdi>${t("for_object", { subject: last.subject })}</bdi>)` : nothing;
     // Where the sign has to say something else, such as that a camera is away, the failure is told here.
     const why = last.sign === "failed" && shown !== "failed" ? last.reasons : [];
-    return html`${t("last_capture")}: ${hasModel ? html`<a href=${link}>${name}</a>` : name}${subject},
+    return html`${t("last_capture")}: ${hasModel ? html`<a href=${address}>${name}</a>` : name}${subject},
       ${t(`sign_${last.sign}` as Key)}${last.decision ? html` ${decision(last)}` : nothing}, ${age(last.age_ms + live.passed())}
       ${why.map((text) => html` ${spoken(text)}`)}`;
   }
@@ -222,7 +222,7 @@ class HoldsPart extends Part {
 
 function whole(fused: NonNullable<ObjectTold["fused"]>, isOld: boolean): TemplateResult {
   const model = fused.folder
-    ? html`<a href="#/history/${fused.folder[0]}/${fused.folder[1]}">${t("object_model")}</a>`
+    ? html`<a href=${link(fused.folder[0], fused.folder[1])}>${t("object_model")}</a>`
     : t("object_no_model");
   return html`
     <p data-fused>

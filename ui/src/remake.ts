@@ -3,7 +3,7 @@ import { html, nothing, type TemplateResult } from "lit";
 import * as api from "./api";
 import { told } from "./do";
 import { Part } from "./element";
-import { verdict } from "./history";
+import { link, verdict } from "./history";
 import { live } from "./live";
 import { type Key, plain, t } from "./words";
 import { said } from "./words/said";
@@ -135,7 +135,7 @@ class RemakePart extends Part {
   private made(remade: api.Remade): TemplateResult {
     if (!remade.folder || !remade.level) return html`<p data-remade>${t("remake_failed")} ${remade.reasons.map(said).join("; ")}</p>`;
     const [recording, name] = remade.folder;
-    return html`<p data-remade>${verdict(remade.level)} <a href="#/history/${recording}/${name}"><bdi>${name}</bdi></a></p>`;
+    return html`<p data-remade>${verdict(remade.level)} <a href=${link(recording, name)}><bdi>${name}</bdi></a></p>`;
   }
 }
 

@@ -5,7 +5,8 @@ import { enter, expect, inGerman, pressFor, shot, test } from "./fixtures.mjs";
 /** Of which captures the object's model is that the page links. */
 async function fusedCaptures(page, rig) {
   const address = await page.locator("[data-fused] a").getAttribute("href");
-  const report = rig.path(`models/${address.split("/").slice(-2).join("/")}/report.json`);
+  const folder = address.split("/").slice(-2).map(decodeURIComponent).join("/");
+  const report = rig.path(`models/${folder}/report.json`);
   try {
     return JSON.parse(readFileSync(report, "utf8")).fusion.captures.map(({ id }) => id);
   } catch {
@@ -19,7 +20,8 @@ test("of several captures of an object the page tells how they lie, and makes th
   const slow = { timeout: 60_000 };
   await rig.prepare();
   await enter(page, rig);
-  const number = `77.${Date.now()}`;
+  // Signs that no folder's name can have.
+  const number = `Inv. 77/${Date.now()}`;
   const first = await pressFor(page, rig, number);
   const second = await pressFor(page, rig, number);
   const object = page.locator(".object");

@@ -133,6 +133,7 @@ impl Capturing {
             models: plan.models.clone(),
             late: Mutex::default(),
             dispatcher: dispatcher.clone(),
+            marking: Mutex::default(),
         });
         let (orders, queue) = bounded(1);
         let status: Arc<Mutex<Status>> = Arc::default();

@@ -129,12 +129,12 @@ pub fn verify(folder: &Path) -> Result<Checked, Error> {
                 findings.push(Finding::Missing { path: path.clone() });
                 continue;
             }
-            let file = folder.join(path);
-            let mut file = File::open(&file).map_err(Error::io(&file))?;
+            let member = folder.join(path);
+            let mut file = File::open(&member).map_err(Error::io(&member))?;
             let found = list
                 .algorithm
                 .digest(&mut file)
-                .map_err(Error::io(folder))?;
+                .map_err(Error::io(&member))?;
             compared.insert(path);
             if found != *digest {
                 findings.push(Finding::Changed { path: path.clone() });

@@ -45,7 +45,7 @@ impl Bag {
     /// # Errors
     /// If another file has the path, or it cannot be written.
     pub fn put(&mut self, path: &str, bytes: &[u8]) -> Result<(), Error> {
-        self.copy(path, &mut &*bytes)
+        self.copy(path, &mut &*bytes, Path::new(path))
     }
 
     /// Puts a copy of a file at `path` below `data/`.
@@ -54,22 +54,27 @@ impl Bag {
     /// As for [`Self::put`], or if the file cannot be read.
     pub fn put_file(&mut self, path: &str, file: &Path) -> Result<(), Error> {
         let mut from = File::open(file).map_err(Error::io(file))?;
-        self.copy(path, &mut from)
+        self.copy(path, &mut from, file)
     }
 
-    fn copy(&mut self, path: &str, from: &mut impl Read) -> Result<(), Error> {
+    fn copy(&mut self, path: &str, from: &mut impl Read, source: &Path) -> Result<(), Error> {
         let path = format!("data/{path}");
         if self.payload.contains_key(&path) {
             return Err(Error::Twice(path));
         }
-        let (digest, bytes) = self.write(&path, from)?;
+        let (digest, bytes) = self.write(&path, from, source)?;
         self.bytes += bytes;
         self.payload.insert(path, digest);
         Ok(())
     }
 
-    /// Writes a file and brings it to the disk; its SHA-512 and its length.
-    fn write(&self, path: &str, from: &mut impl Read) -> Result<(String, u64), Error> {
+    /// Writes a file and brings it to the disk; its SHA-512 and its length. `source` is what cannot be read if reading fails.
+    fn write(
+        &self,
+        path: &str,
+        from: &mut impl Read,
+        source: &Path,
+    ) -> Result<(String, u64), Error> {
         let target = self.staged.path().join(path);
         if let Some(folder) = target.parent() {
             fs::create_dir_all(folder).map_err(Error::io(folder))?;
@@ -78,7 +83,7 @@ impl Bag {
         let (mut hash, mut bytes) = (Sha512::new(), 0);
         let mut buffer = vec![0; 1 << 18];
         loop {
-            let read = from.read(&mut buffer).map_err(Error::io(&target))?;
+            let read = from.read(&mut buffer).map_err(Error::io(source))?;
             if read == 0 {
                 break;
             }
@@ -110,10 +115,11 @@ impl Bag {
             ("bag-info.txt", info),
             ("manifest-sha512.txt", text(&self.payload)),
         ] {
-            let (digest, _) = self.write(name, &mut contents.as_bytes())?;
+            let (digest, _) = self.write(name, &mut contents.as_bytes(), Path::new(name))?;
             tags.insert(name.to_owned(), digest);
         }
-        self.write("tagmanifest-sha512.txt", &mut text(&tags).as_bytes())?;
+        let name = "tagmanifest-sha512.txt";
+        self.write(name, &mut text(&tags).as_bytes(), Path::new(name))?;
         let root = self.staged.path();
         let folders = self
             .payload

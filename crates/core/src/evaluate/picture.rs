@@ -193,6 +193,6 @@ mod tests {
         assert_eq!(color(0.0), [222; 3]);
         assert_eq!(color(-7.0), [20, 50, 140]);
         assert_eq!(color(7.0), [165, 20, 30]);
-        assert_eq!(color(f64::NAN), color(f64::NAN));
+        assert_eq!(color(f64::NAN), [0; 3]);
     }
 }

@@ -130,8 +130,9 @@ impl Writer<'_> {
         self.attribute(accessor, &data, 8, (UNSIGNED_SHORT, false));
         self.json["accessors"][accessor as usize]["min"] = json!(steps(low));
         self.json["accessors"][accessor as usize]["max"] = json!(steps(high));
-        self.json["nodes"][0]["scale"] = json!([longest / STEPS, longest / STEPS, longest / STEPS]);
-        self.json["nodes"][0]["translation"] = json!(low);
+        let node = self.json["nodes"].get_mut(0).ok_or("it has no node")?;
+        node["scale"] = json!([longest / STEPS, longest / STEPS, longest / STEPS]);
+        node["translation"] = json!(low);
         Ok(())
     }
 
@@ -298,5 +299,12 @@ mod tests {
     fn other_files_are_refused() {
         assert!(quantize(b"glTF").is_err());
         assert!(describe(b"glTF", &described("a")).is_err());
+        let glb = as_glb(&painted_ball(), &described("ball"));
+        let file = GltfFile::parse(&glb).unwrap();
+        let mut json: Value = serde_json::to_value(file.root()).unwrap();
+        json["nodes"] = json!([]);
+        json["scenes"] = json!([{ "nodes": [] }]);
+        let without_node = pack(&json, file.binary());
+        assert_eq!(quantize(&without_node).unwrap_err(), "it has no node");
     }
 }

@@ -60,10 +60,11 @@ fn mark_with(
     let Some(marked) = marked_with(folder, change)? else {
         return Ok(());
     };
-    write_atomically(&folder.join(report_file::NAME), marked.report.as_bytes())?;
+    // The report last: it tells later calls that there is nothing left to mark.
     if let Some(preview) = marked.preview {
         write_atomically(&folder.join(PREVIEW), &preview)?;
     }
+    write_atomically(&folder.join(report_file::NAME), marked.report.as_bytes())?;
     Ok(())
 }
 

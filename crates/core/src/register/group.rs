@@ -10,7 +10,7 @@ use super::places::{AtOnce, Placed, Places, largest};
 use super::skin::Skin;
 use super::spots;
 use super::touch::Target;
-use super::unseen::{Unseen, unseen};
+use super::unseen::unseen;
 use super::{CaptureSilhouettes, PoseEvidence, Refusal, Registered, Registration, limits};
 use crate::level::Level;
 use nalgebra::Isometry3;
@@ -132,15 +132,13 @@ impl Found<'_> {
         });
         let mut bodies: Vec<(usize, &Body, Isometry3<f64>)> = bodies.collect();
         bodies.sort_by_key(|(index, ..)| (*index != frame_of, *index));
+        let last = bodies.iter().max_by_key(|(index, ..)| *index);
+        let pose_of_last = last.map_or(Isometry3::identity(), |(.., pose)| *pose);
         let bodies: Vec<_> = bodies
             .into_iter()
             .map(|(_, body, pose)| (body, pose))
             .collect();
-        let unseen = if bodies.is_empty() {
-            Unseen::default()
-        } else {
-            unseen(&bodies)
-        };
+        let unseen = unseen(&bodies, &pose_of_last);
         let numbers = 0..self.prepared.len();
         Registration {
             frame_of,

@@ -17,9 +17,13 @@ pub struct Unseen {
     pub towards: Vector3<f64>,
 }
 
-/// What no camera of these bodies faced, of the first one's surface. Poses map a point of the first into each.
-pub(super) fn unseen(bodies: &[(&Body, Isometry3<f64>)]) -> Unseen {
-    let Some((first, last)) = bodies.first().zip(bodies.last()) else {
+/// What no camera of these bodies faced, of the first one's surface. Poses map a point of the object into each body's
+/// rig, `rig_of_last_from_object` into that of the last capture.
+pub(super) fn unseen(
+    bodies: &[(&Body, Isometry3<f64>)],
+    rig_of_last_from_object: &Isometry3<f64>,
+) -> Unseen {
+    let Some(first) = bodies.first() else {
         return Unseen::default();
     };
     let mesh = &first.0.mesh;
@@ -43,7 +47,7 @@ pub(super) fn unseen(bodies: &[(&Body, Isometry3<f64>)]) -> Unseen {
         };
         if !bodies.iter().any(faces) {
             missed += size;
-            towards += last.1.rotation * (from_first.rotation * area);
+            towards += rig_of_last_from_object.rotation * (from_first.rotation * area);
         }
     }
     Unseen {

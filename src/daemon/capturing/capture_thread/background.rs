@@ -6,7 +6,7 @@ use super::shot::{cameras, shoot};
 use crate::daemon::backgrounds::{self, Backgrounds};
 use crate::daemon::events::Event;
 use crate::daemon::rig::CameraKind;
-use crate::frame::{CaptureId, Timestamp, Trigger};
+use crate::frame::{CameraId, CaptureId, Timestamp, Trigger};
 use crate::recording::CaptureOutcome;
 use crate::sync::{self, Synchronizer};
 use crate::words::count;
@@ -50,30 +50,49 @@ impl CaptureThread {
             .into_iter()
             .map(|f| (f.camera, (f.timestamp, f.picture)))
             .collect();
+        if backgrounds.is_empty() {
+            return Err("no colour camera gave a picture: the earlier ones stay".into());
+        }
         let plan = &self.plan;
         let path = backgrounds::save(&plan.recording.folder, now, &backgrounds, &plan.program)
             .map_err(|e| e.to_string())?;
         let words = format!(
-            "saved {} in {}",
+            "saved {} in {}{}",
             count(backgrounds.len(), "background picture"),
-            path.display()
+            path.display(),
+            self.left_out(&backgrounds)
         );
-        self.plan.header.backgrounds = backgrounds::detached(backgrounds);
+        // Where captures go on without a camera that is away, so do backgrounds; its earlier one is still there, with its
+        // age.
+        let taken = backgrounds::detached(backgrounds);
+        self.plan.header.backgrounds.extend(taken);
         self.header_changed();
         let told = words.clone();
         self.plan.events.publish(Event::Plates { words: told });
         Ok(words)
     }
 
+    /// Words for the colour cameras that have no picture in this set; empty if all have one.
+    fn left_out(&self, backgrounds: &Backgrounds) -> String {
+        let colors = self.colors().filter(|id| !backgrounds.contains_key(*id));
+        let names: Vec<&str> = colors.map(CameraId::as_str).collect();
+        if names.is_empty() {
+            return String::new();
+        }
+        format!("; there is no new one of {}", names.join(", "))
+    }
+
+    fn colors(&self) -> impl Iterator<Item = &CameraId> {
+        let states = self.rig.states();
+        states.filter_map(|(id, kind, _)| (kind == CameraKind::Color).then_some(id))
+    }
+
     /// Hours since the oldest background; `None` where a camera has none.
     pub(super) fn backgrounds_age_h(&self) -> Option<f64> {
         let backgrounds = &self.plan.header.backgrounds;
-        let colors = self
-            .rig
-            .states()
-            .filter(|(_, k, _)| *k == CameraKind::Color);
-        let times: Option<Vec<Timestamp>> = colors
-            .map(|(id, ..)| backgrounds.get(id).map(|(time, _)| *time))
+        let times: Option<Vec<Timestamp>> = self
+            .colors()
+            .map(|id| backgrounds.get(id).map(|(time, _)| *time))
             .collect();
         let oldest = times?.into_iter().min()?;
         let age_ns = self.rig.clock().timestamp().nanoseconds_since(oldest);

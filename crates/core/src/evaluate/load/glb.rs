@@ -100,14 +100,23 @@ impl Reader<'_> {
         }
         self.add_triangles(primitive, base, count, world_from_node.determinant() < 0.0)?;
         let values = |name: &str| {
-            let accessor = attribute(Semantic::Extras(name.to_owned()));
-            accessor.map_or(Ok(Vec::new()), |accessor| self.file.numbers(accessor))
+            let Some(accessor) = attribute(Semantic::Extras(name.to_owned())) else {
+                return Ok(Vec::new());
+            };
+            // Before they are read: many nodes may share a small mesh with a large accessor.
+            let stated = self.file.root().get(accessor).map(|a| a.count.0);
+            match stated {
+                Some(values) if values != count as u64 => {
+                    Err(format!("_{name} has {values} values for {count} vertices"))
+                }
+                _ => self.file.numbers(accessor),
+            }
         };
         let (provenances, errors) = (values("PROVENANCE")?, values("ERROR")?);
-        for (vertex, &value) in provenances.iter().take(count).enumerate() {
+        for (vertex, &value) in provenances.iter().enumerate() {
             self.provenance.push(provenance(value, vertex)?);
         }
-        let errors = errors.iter().take(count).map(|&v| v as f32);
+        let errors = errors.iter().map(|&v| v as f32);
         self.errors.extend(errors);
         Ok(())
     }
@@ -260,6 +269,9 @@ mod tests {
         refuse("/bufferViews/0/byteOffset", json!(1_u64 << 40), "outside");
         refuse("/bufferViews/2/byteStride", json!(0), "accessor 2");
         refuse("/bufferViews/1/byteOffset", json!(0), "out of range");
+        let fewer = "_PROVENANCE has 3 values for 4 vertices";
+        refuse("/accessors/2/count", json!(3), fewer);
+        refuse("/accessors/3/count", json!(2), "_ERROR has 2 values");
         refuse("/nodes/0/mesh", json!(7), "mesh");
         refuse("/nodes/0", json!({"children": [0]}), "too deep");
         refuse("/nodes/0", json!({"children": [3]}), "no node 3");

@@ -142,7 +142,8 @@ fn split_header(bytes: &[u8]) -> Result<(&str, &[u8]), String> {
     if !start.starts_with(b"ply") {
         return Err("not a PLY file: it does not begin with \"ply\"".to_owned());
     }
-    let mark = b"end_header";
+    // A line of its own: a comment may have the word in it.
+    let mark = b"\nend_header";
     let end = start.windows(mark.len()).position(|w| w == mark);
     let end = end.ok_or("the PLY header does not end")?;
     let header = std::str::from_utf8(&start[..end]).map_err(|_| "the PLY header is not text")?;
@@ -424,6 +425,14 @@ mod tests {
         let text =
             header("ascii", extra) + "0 0 0 0 0\n1 0 0 1 .5\n0 1 0 2 1\n1 7 1.5\n0 1.5\n3 0 1 2\n";
         assert_eq!(parse(text.as_bytes()).unwrap(), little);
+    }
+
+    #[test]
+    fn a_comment_may_have_the_word_that_ends_a_header() {
+        let text = header("ascii", "") + "0 0 0\n1 0 0\n0 1 0\n1 7 1.5\n0 1.5\n3 0 1 2\n";
+        let named = text.replace("comment c", "comment subject end_header 3");
+        assert_eq!(parse(named.as_bytes()), parse(text.as_bytes()));
+        assert_eq!(parse(named.as_bytes()).unwrap().mesh.triangles.len(), 1);
     }
 
     #[test]
