@@ -450,11 +450,14 @@ fn backgrounds_are_kept_known_after_a_restart_and_in_every_recording() {
 fn where_captures_go_on_without_a_camera_its_earlier_background_stays() {
     let stand = start(|plan| plan.sync.go_on_without_missing = true);
     let words = stand.ask(Order::Background).unwrap();
-    assert!(!words.contains("no new one"), "{words}");
+    assert!(!words.contains("no new picture"), "{words}");
     stand.behaviour("c00", Behaviour::Loses);
     let words = stand.ask(Order::Background).unwrap();
     assert!(words.contains("2 background pictures"), "{words}");
-    assert!(words.ends_with("; there is no new one of c00"), "{words}");
+    assert!(
+        words.ends_with("; there is no new picture of c00"),
+        "{words}"
+    );
     stand.until(|s| s.plates_age_h.is_some());
     for name in ["c01", "c02"] {
         stand.behaviour(name, Behaviour::Loses);

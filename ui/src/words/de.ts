@@ -418,6 +418,8 @@ export const de: Words = {
   said_session: "Reihe {name}",
   said_done: "fertig",
   said_saved_plates: "{count} Hintergrundbilder in {path} gespeichert",
+  said_no_new_plates: "; von {cameras} gibt es kein neues Bild",
+  said_no_plates: "keine Farbkamera lieferte ein Bild, die früheren bleiben",
   said_remade_later: "das Modell von {capture} wird neu berechnet, wenn kein anderes wartet",
   said_remade_after: "{words}; vor ihm: {n}",
   said_remake_waits: "mit denselben Einstellungen wartet schon eines",

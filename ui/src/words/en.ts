@@ -416,6 +416,8 @@ export const en = {
   said_session: "session {name}",
   said_done: "done",
   said_saved_plates: "saved {count} in {path}",
+  said_no_new_plates: "; there is no new picture of {cameras}",
+  said_no_plates: "no colour camera gave a picture, so the earlier ones stay",
   said_remade_later: "the model of {capture} is made again when no other waits",
   said_remade_after: "{words}; {n} are before it",
   said_remake_waits: "a remake with the same settings is waiting already",

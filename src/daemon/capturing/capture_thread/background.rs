@@ -51,17 +51,17 @@ impl CaptureThread {
             .map(|f| (f.camera, (f.timestamp, f.picture)))
             .collect();
         if backgrounds.is_empty() {
-            return Err("no colour camera gave a picture: the earlier ones stay".into());
+            return Err("no colour camera gave a picture, so the earlier ones stay".into());
         }
         let plan = &self.plan;
         let path = backgrounds::save(&plan.recording.folder, now, &backgrounds, &plan.program)
             .map_err(|e| e.to_string())?;
-        let words = format!(
-            "saved {} in {}{}",
+        let mut words = format!(
+            "saved {} in {}",
             count(backgrounds.len(), "background picture"),
-            path.display(),
-            self.left_out(&backgrounds)
+            path.display()
         );
+        words += &self.left_out(&backgrounds);
         // Where captures go on without a camera that is away, so do backgrounds; its earlier one is still there, with its
         // age.
         let taken = backgrounds::detached(backgrounds);
@@ -79,7 +79,7 @@ impl CaptureThread {
         if names.is_empty() {
             return String::new();
         }
-        format!("; there is no new one of {}", names.join(", "))
+        format!("; there is no new picture of {}", names.join(", "))
     }
 
     fn colors(&self) -> impl Iterator<Item = &CameraId> {
