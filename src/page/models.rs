@@ -119,8 +119,8 @@ pub(super) fn is_name(name: &str) -> bool {
     (1..=80).contains(&name.len()) && !name.starts_with('.') && name.bytes().all(is_fine)
 }
 
-/// Whether this can be the name of a model's folder: that of a capture, or of an object, where other signs of its number
-/// are %XX ([`crate::make_model::object_folder_name`]).
+/// Whether this can be the name of a model's folder: that of a capture, or of an object, where other signs of its
+/// number are %XX ([`crate::make_model::object_folder_name`]).
 fn is_model_name(name: &str) -> bool {
     let is_fine = |b: u8| b.is_ascii_alphanumeric() || b"._%-".contains(&b);
     (1..=200).contains(&name.len()) && !name.starts_with('.') && name.bytes().all(is_fine)

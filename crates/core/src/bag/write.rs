@@ -68,7 +68,8 @@ impl Bag {
         Ok(())
     }
 
-    /// Writes a file and brings it to the disk; its SHA-512 and its length. `source` is what cannot be read if reading fails.
+    /// Writes a file and brings it to the disk; its SHA-512 and its length. `source` is what cannot be read if reading
+    /// fails.
     fn write(
         &self,
         path: &str,

@@ -62,8 +62,7 @@ impl CaptureThread {
             path.display()
         );
         words += &self.left_out(&backgrounds);
-        // Where captures go on without a camera that is away, so do backgrounds; its earlier one is still there, with its
-        // age.
+        // Where captures go on without a camera that is away, so do backgrounds; its earlier one stays, with its age.
         let taken = backgrounds::detached(backgrounds);
         self.plan.header.backgrounds.extend(taken);
         self.header_changed();
