@@ -26,6 +26,8 @@ cfg_if::cfg_if! {
         mod hostile_tests;
         mod names;
         #[cfg(test)]
+        mod background_tests;
+        #[cfg(test)]
         mod note_tests;
         mod notes;
         mod packing;

@@ -119,8 +119,8 @@ pub(super) fn is_name(name: &str) -> bool {
     (1..=80).contains(&name.len()) && !name.starts_with('.') && name.bytes().all(is_fine)
 }
 
-/// Whether this can be the name of a model's folder: that of a capture, or of an object, where other signs of its
-/// number are %XX ([`crate::make_model::object_folder_name`]).
+/// Whether this can be the name of a model's folder: that of a capture, or of an object, where other characters of
+/// its number are %XX ([`crate::make_model::object_folder_name`]).
 fn is_model_name(name: &str) -> bool {
     let is_fine = |b: u8| b.is_ascii_alphanumeric() || b"._%-".contains(&b);
     (1..=200).contains(&name.len()) && !name.starts_with('.') && name.bytes().all(is_fine)
@@ -413,7 +413,7 @@ mod tests {
     }
 
     #[test]
-    fn an_object_is_listed_and_opened_whatever_signs_its_number_has() {
+    fn an_object_is_listed_and_opened_whatever_characters_its_number_has() {
         let (root, models) = models();
         let name = crate::make_model::object_folder_name("Inv. 12/ä");
         let folder = root.path().join("models/amphora").join(&name);

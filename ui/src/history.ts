@@ -7,7 +7,7 @@ import { sign } from "./signs";
 import { age, isKey, type Key, language, t } from "./words";
 import { said, spoken } from "./words/said";
 
-/** Where a capture's or an object's model is shown. The folder of an object has signs of its number as %XX. */
+/** Where a capture's or an object's model is shown. The name of an object's folder has some characters of its number as %XX. */
 export function link(recording: string, capture: string): string {
   return `#/history/${encodeURIComponent(recording)}/${encodeURIComponent(capture)}`;
 }

@@ -20,7 +20,7 @@ test("of several captures of an object the page tells how they lie, and makes th
   const slow = { timeout: 60_000 };
   await rig.prepare();
   await enter(page, rig);
-  // Signs that no folder's name can have.
+  // Characters that no folder's name can have.
   const number = `Inv. 77/${Date.now()}`;
   const first = await pressFor(page, rig, number);
   const second = await pressFor(page, rig, number);
