@@ -6,15 +6,16 @@
 use crate::clock::Clock;
 use crate::trigger::{Client, Error, Event, Reply, Request, Until};
 use parking_lot::Mutex;
+use std::collections::VecDeque;
 use std::os::unix::fs::MetadataExt;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 /// How long a press may wait until it is accepted: by then systemd has restarted a daemon that crashed.
 const BEGIN: Duration = Duration::from_secs(2);
-/// How long the client keeps asking for the outcome of a capture that was accepted.
+/// How long the client keeps asking for the outcome of a capture after it was accepted.
 const END: Duration = Duration::from_secs(30);
 /// How long the client waits for a reply.
 const PATIENCE: Duration = Duration::from_secs(120);
@@ -22,6 +23,8 @@ const PATIENCE: Duration = Duration::from_secs(120);
 const PAUSE: Duration = Duration::from_millis(200);
 /// How often the watch checks whether a daemon that was stopped is back.
 const LOOK: Duration = Duration::from_secs(1);
+/// Captures that are remembered: more than can be on their way to the disk at once.
+const REMEMBERED: usize = 64;
 
 /// The daemon, as a foot switch sees it.
 #[derive(Clone, Debug)]
@@ -30,10 +33,29 @@ pub struct Daemon {
     clock: Clock,
     /// How long a press may wait until it is accepted.
     begin: Duration,
-    /// The last capture that became durable, whichever client asked for it.
-    last: Arc<Mutex<Option<String>>>,
+    /// The last captures in the order in which they were taken, whichever client asked for them.
+    taken: Arc<Mutex<VecDeque<String>>>,
     /// Whether a press was answered since this was last read.
     answered: Arc<AtomicBool>,
+}
+
+/// A press whose outcome is not known.
+#[derive(Debug, thiserror::Error)]
+#[error("{error}")]
+pub struct Unanswered {
+    /// Whether the daemon was asked for the capture, so that it may have taken it.
+    pub was_asked: bool,
+    /// Why there is no outcome.
+    pub error: Error,
+}
+
+/// How far a press has come.
+struct Pressed {
+    was_asked: bool,
+    was_accepted: bool,
+    /// Since when the outcome is waited for, and how long at most: first that it begins, then that it ends.
+    since: Instant,
+    at_most: Duration,
 }
 
 /// What the watch found.
@@ -62,7 +84,7 @@ impl Daemon {
             socket: socket.into(),
             clock,
             begin: BEGIN,
-            last: Arc::default(),
+            taken: Arc::default(),
             answered: Arc::default(),
         }
     }
@@ -71,7 +93,11 @@ impl Daemon {
     ///
     /// # Errors
     /// If the daemon cannot be reached, or does not answer in time.
-    pub fn press(&self, press_id: &str, progress: &mut dyn FnMut(&Reply)) -> Result<Reply, Error> {
+    pub fn press(
+        &self,
+        press_id: &str,
+        progress: &mut dyn FnMut(&Reply),
+    ) -> Result<Reply, Unanswered> {
         let request = Request::Trigger {
             source: "pedal".into(),
             press_id: Some(press_id.into()),
@@ -79,31 +105,34 @@ impl Daemon {
             placement: None,
             until: Until::Durable,
         };
-        let begin = self.clock.now();
-        let mut begun = false;
+        let mut pressed = Pressed {
+            was_asked: false,
+            was_accepted: false,
+            since: self.clock.now(),
+            at_most: self.begin,
+        };
         loop {
-            let at_most = if begun { END } else { self.begin };
-            let left = at_most.saturating_sub(self.clock.elapsed(begin)).max(PAUSE);
-            let error = match self.attempt(&request, left, &mut begun, progress) {
+            let error = match self.attempt(&request, &mut pressed, progress) {
                 Ok(reply) => return Ok(reply),
                 Err(error) => error,
             };
-            let at_most = if begun { END } else { self.begin };
-            if self.clock.elapsed(begin) >= at_most {
-                return Err(error);
+            if self.clock.elapsed(pressed.since) >= pressed.at_most {
+                let was_asked = pressed.was_asked;
+                return Err(Unanswered { was_asked, error });
             }
             self.clock.sleep(PAUSE);
         }
     }
 
-    /// Asks for the capture once the daemon has answered a request for its status within `left`.
+    /// Asks for the capture once the daemon has answered a request for its status within the time that is left.
     fn attempt(
         &self,
         request: &Request,
-        left: Duration,
-        begun: &mut bool,
+        pressed: &mut Pressed,
         progress: &mut dyn FnMut(&Reply),
     ) -> Result<Reply, Error> {
+        let passed = self.clock.elapsed(pressed.since);
+        let left = pressed.at_most.saturating_sub(passed).max(PAUSE);
         let mut client = Client::connect(&self.socket, Some(left))?;
         client.send(&Request::Status {})?;
         let reply = client.reply()?;
@@ -113,15 +142,22 @@ impl Daemon {
             return Ok(reply);
         }
         client.set_patience(PATIENCE)?;
+        pressed.was_asked = true;
         client.send(request)?;
         loop {
             let reply = client.reply()?;
-            *begun |= matches!(reply, Reply::Accepted { .. });
+            if matches!(reply, Reply::Accepted { .. }) && !pressed.was_accepted {
+                pressed.was_accepted = true;
+                (pressed.since, pressed.at_most) = (self.clock.now(), END);
+            }
+            if let Reply::Captured { capture, .. }
+            | Reply::Durable { capture, .. }
+            | Reply::Failed { capture, .. } = &reply
+            {
+                self.remember(capture);
+            }
             progress(&reply);
             if reply.is_end(Until::Durable) {
-                if let Reply::Durable { capture, .. } = &reply {
-                    self.remember(capture);
-                }
                 return Ok(reply);
             }
         }
@@ -132,11 +168,11 @@ impl Daemon {
     /// # Errors
     /// If the daemon cannot be reached.
     pub fn reject_last(&self) -> Result<Option<(String, Reply)>, Error> {
-        let last = self.last.lock();
-        let Some(capture) = last.clone() else {
+        let taken = self.taken.lock();
+        let Some(capture) = taken.back().cloned() else {
             return Ok(None);
         };
-        drop(last);
+        drop(taken);
         let request = Request::Note {
             capture: capture.clone(),
             kind: "reject".into(),
@@ -204,16 +240,25 @@ impl Daemon {
         }
         loop {
             match client.event()? {
-                Event::Durable { capture, .. } => self.remember(&capture),
+                Event::Captured { capture, .. }
+                | Event::Durable { capture, .. }
+                | Event::Failed { capture, .. } => self.remember(&capture),
                 Event::Ending => return Ok(ListeningEnd::Ending),
                 _ => {}
             }
         }
     }
 
+    /// Remembers a capture when it is first heard of: an earlier one may reach the disk after a later one was taken.
     fn remember(&self, capture: &str) {
-        let mut last = self.last.lock();
-        *last = Some(capture.to_owned());
+        let mut taken = self.taken.lock();
+        if taken.iter().any(|known| known == capture) {
+            return;
+        }
+        if taken.len() == REMEMBERED {
+            taken.pop_front();
+        }
+        taken.push_back(capture.to_owned());
     }
 }
 
@@ -302,6 +347,7 @@ mod tests {
             error.to_string().contains("is the daemon running"),
             "{error}"
         );
+        assert!(!error.was_asked);
         assert_eq!(clock.elapsed(begin), BEGIN);
         assert!(daemon.reject_last().unwrap().is_none());
     }
@@ -389,6 +435,41 @@ mod tests {
             found.len() < 4
         });
         assert_eq!(found, [false, true, false, true]);
-        assert_eq!(daemon.last.lock().as_deref(), Some("a-0001"));
+        assert_eq!(*daemon.taken.lock(), ["a-0001"]);
+    }
+
+    #[test]
+    fn what_is_rejected_is_what_was_taken_last_and_not_what_is_on_the_disk_last() {
+        let folder = tempfile::tempdir().unwrap();
+        let socket = folder.path().join("s");
+        const LISTENING: &str = r#"{"type":"listening"}"#;
+        const CAPTURED: &str = r#"{"type":"captured","capture":"a-0002","skew_ns":0}"#;
+        const FAILED: &str = r#"{"type":"failed","capture":"a-0003","reason":"c00 gave no frame"}"#;
+        let daemon = Daemon::new(&socket, by_hand());
+        let last = |requests: &Receiver<String>| {
+            let (capture, _) = daemon.reject_last().unwrap().unwrap();
+            assert!(requests.iter().any(|asked| asked.contains(&capture)));
+            capture
+        };
+        const OK: &str = r#"{"type":"ok","words":"done"}"#;
+        // The second is taken while the first is on its way to the disk.
+        const FIRST: &str = r#"{"type":"captured","capture":"a-0001","skew_ns":0}"#;
+        let requests = serve(&socket, &[&[LISTENING, FIRST, CAPTURED, DURABLE], &[OK]]);
+        daemon.listen(&mut || true).unwrap_err();
+        assert_eq!(last(&requests), "a-0002");
+        std::fs::remove_file(&socket).unwrap();
+        let requests = serve(&socket, &[&[ACCEPTED, FAILED], &[OK]]);
+        daemon.press("q", &mut |_| ()).unwrap();
+        assert_eq!(last(&requests), "a-0003");
+    }
+
+    #[test]
+    fn a_press_that_was_sent_and_not_answered_may_have_taken_a_capture() {
+        let folder = tempfile::tempdir().unwrap();
+        let socket = folder.path().join("s");
+        let _requests = serve(&socket, &[&[ACCEPTED]]);
+        let daemon = Daemon::new(&socket, by_hand());
+        let unanswered = daemon.press("p", &mut |_| ()).unwrap_err();
+        assert!(unanswered.was_asked, "{unanswered}");
     }
 }

@@ -6,7 +6,7 @@ mod daemon;
 mod device;
 mod switch;
 
-pub use daemon::{Daemon, DaemonState};
+pub use daemon::{Daemon, DaemonState, Unanswered};
 #[cfg(feature = "pedal")]
 pub use device::{Device, Error, Input, key_code};
 pub use switch::{Action, Keys, Switch};

@@ -3,7 +3,9 @@
 use crate::clock::Clock;
 use crate::frame::Timestamp;
 use crate::log;
-use crate::pedal::{Action, Daemon, DaemonState, Device, Error, Keys, Switch, key_code};
+use crate::pedal::{
+    Action, Daemon, DaemonState, Device, Error, Keys, Switch, Unanswered, key_code,
+};
 use crate::trigger::{Reply, SOCKET};
 use std::path::PathBuf;
 use std::process::ExitCode;
@@ -115,14 +117,18 @@ fn press(daemon: &Daemon, press_id: &str) {
         }
         Ok(Reply::Refused { reason }) => log::error!("a press was refused: {reason}"),
         Ok(reply) => log::warning!("the daemon gave an unexpected answer: {reply:?}"),
-        Err(error) => log::error!("no capture was taken: {error}"),
+        Err(Unanswered {
+            was_asked: true,
+            error,
+        }) => log::error!("whether a capture was taken is not known: {error}; see scand status"),
+        Err(Unanswered { error, .. }) => log::error!("no capture was taken: {error}"),
     }
 }
 
 fn reject(daemon: &Daemon) {
     match daemon.reject_last() {
         Ok(None) => log::warning!(
-            "there is no capture to reject: none became durable since this program started"
+            "there is no capture to reject: none was taken since this program started"
         ),
         Ok(Some((capture, Reply::Refused { reason }))) => {
             log::error!("{capture} is not marked as rejected: {reason}");
