@@ -91,7 +91,7 @@ pub struct CameraInfo {
     pub size: [u32; 2],
     /// Pixel encoding, as a recording names it.
     pub encoding: String,
-    /// Largest frame in bytes, as it crosses the link.
+    /// Largest frame in bytes, as it crosses the link; a depth camera's colours, which come with it, are part of it.
     pub frame_bytes: u64,
     /// Its settings for the recording; `None` for depth cameras.
     pub settings: Option<CameraSettings>,

@@ -132,13 +132,6 @@ impl Parameters {
         let period_ms = 1e3 / f64::from(self.rate());
         (self.latency_ms.unwrap_or(period_ms) * 1e6) as u64
     }
-
-    /// Bytes of one capture's frames, for the pool that holds them.
-    pub fn capture_bytes(&self) -> u64 {
-        let pixels = self.size().into_iter().map(u64::from).product::<u64>();
-        let each = 2 + if self.color() { 3 } else { 0 };
-        pixels * each * u64::from(self.burst())
-    }
 }
 
 /// Whether a device is a recording of OpenNI's.
@@ -161,11 +154,6 @@ mod tests {
         let p = read("").unwrap();
         assert_eq!((p.device(), p.size(), p.rate()), ("any", [640, 480], 30));
         assert_eq!(p.latency_ns() / 1_000_000, 33);
-        assert_eq!(p.capture_bytes(), 640 * 480 * 5 * 30);
-        assert_eq!(
-            read("color = false").unwrap().capture_bytes(),
-            640 * 480 * 60
-        );
     }
 
     #[test]

@@ -42,7 +42,6 @@ pub(super) fn apply(
     streams: &[Stream],
 ) -> Result<CameraInfo, Fault> {
     let [width, height] = p.size();
-    let color = streams.len() == 2;
     let mut read = vec![row("device", p.device(), device.uri())];
     if is_file(device.uri()) {
         read.extend(play(p, device)?);
@@ -67,7 +66,9 @@ pub(super) fn apply(
     for (stream, name) in streams.iter().zip(["depth mirroring", "color mirroring"]) {
         read.extend(unmirror(stream, name)?);
     }
-    let each = if color { 3 } else { 2 };
+    // A frame of depth comes with one of colour, if that is open; a capture holds both.
+    let pixel_bytes = expected(p).map(|frame| frame.bytes_per_pixel as u64);
+    let each: u64 = pixel_bytes.iter().take(streams.len()).sum();
     let mut info = CameraInfo {
         identity: identity(device),
         size: [width, height],
