@@ -6,7 +6,7 @@ test("reasons are in the page's language, and a list that is cut says so", async
   const reasons = [
     { level: "red", code: "frame_cut", words: "c03 cuts it" },
     { level: "amber", code: "of_another_version", words: "<b>new</b>" },
-    { level: "amber", code: "no_depth_camera", words: "the rig has no depth camera" },
+    { level: "amber", code: "no_depth_camera", words: "no depth camera took part in the capture" },
     { level: "amber", code: "blurred", words: "the object's outline is blurred: c00 (3.0 px), c02 (2.1 px), 2 more" },
     { level: "amber", code: "depth_biased", words: "depth is off by more than its calibration allows: kinect (5.1 mm more); 9.3 mm in all" },
     { level: "amber", code: "of_another_version", words: "depth camera kinect gave 7 frames from -50.0 to 900.0 ms after the trigger, expected at least 10" },
@@ -36,7 +36,7 @@ test("reasons are in the page's language, and a list that is cut says so", async
   await expect(page.locator("main")).toContainText("the object's outline is blurred: c00 (3.0 px), c02 (2.1 px), 2 more");
   await expect(page.getByRole("cell", { name: "1.00 mm" })).toBeVisible();
   // Nothing is said twice, and codes are for programs.
-  await expect(page.locator("[data-code=no_depth_camera]")).toHaveText("The rig has no depth camera: every hollow is filled.");
+  await expect(page.locator("[data-code=no_depth_camera]")).toHaveText("No depth camera took part: every hollow is filled.");
   await expect(page.locator("[data-code=blurred]")).toHaveText("the object's outline is blurred: c00 (3.0 px), c02 (2.1 px), 2 more");
 });
 

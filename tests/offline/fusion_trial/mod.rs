@@ -9,6 +9,7 @@ mod captures;
 mod gain;
 mod gaps;
 mod given;
+mod lids;
 mod many_views;
 mod negatives;
 mod outputs;

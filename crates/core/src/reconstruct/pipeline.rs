@@ -3,7 +3,7 @@
 use super::depth::{self, EnhancedDepth};
 use super::faired_surface::{FairedSurface, FairingResult, PlainHull};
 use super::fairing;
-use super::hull::{self, Cone, Hull};
+use super::hull::{self, Cone, Hull, UpDirections};
 use super::region::{
     self, BesideRegions, Bias, HullRenderings, InFrontOfHull, OutlineOffset, Regions,
 };
@@ -15,7 +15,7 @@ use super::uncertainty::{self, FairedHull, OutsideErrors, RoundBody, UnrequiredP
 use super::{DepthView, FusedCaptures, Model, Progress, Scene, Stage, Texture};
 use crate::calibration::DepthCamera;
 use crate::image::Mask;
-use crate::mesh::{Mesh, Simplified, SimplifyError, simplify, vertex_normals};
+use crate::mesh::{Bvh, Mesh, Simplified, SimplifyError, simplify, vertex_normals};
 use nalgebra::Point3;
 use rayon::prelude::*;
 
@@ -112,6 +112,8 @@ pub struct Reconstruction {
     pub fairing: Option<Result<fairing::Facts, fairing::Refusal>>,
     /// Edge of a cell of the surfaces, in metres.
     pub cell_size: f64,
+    /// The directions that were up in the scene's captures.
+    pub up: UpDirections,
     /// A silhouette for each colour view of the scene.
     pub silhouettes: Vec<Silhouette>,
     /// What was found in each depth view of the scene.
@@ -277,6 +279,7 @@ pub fn reconstruct_from(
     Ok(Reconstruction {
         model: restored.model,
         cell_size: lattice.cell_size,
+        up: UpDirections::of(hull.bounds()),
         silhouettes,
         depths,
         dropped_hull_pieces: extracted.dropped_pieces,
@@ -559,18 +562,21 @@ fn fuse_depths(scene: &Scene, depths: &mut [DepthOfHull]) {
     }
 }
 
-/// The model with fewer vertices, each of which it had before.
+/// The model with fewer vertices, each of which it had before. Their expected errors include how far the surface around
+/// them is from the one before.
 fn simplified(model: Model, vertices: usize) -> Result<Model, SimplifyError> {
     let Simplified { mesh, sources } = simplify(&model.mesh, vertices)?;
     let normals = vertex_normals(&mesh);
     let of = |v: &u32| *v as usize;
+    let departures = mean_departures(&mesh, &model.mesh.vertices);
     Ok(Model {
         mesh,
         normals,
         provenance: sources.iter().map(|v| model.provenance[of(v)]).collect(),
         expected_error: sources
             .iter()
-            .map(|v| model.expected_error[of(v)])
+            .zip(departures)
+            .map(|(v, departure)| model.expected_error[of(v)].hypot(departure))
             .collect(),
         captures: match model.captures.is_empty() {
             true => Vec::new(),
@@ -578,6 +584,26 @@ fn simplified(model: Model, vertices: usize) -> Result<Model, SimplifyError> {
         },
         texture: None,
     })
+}
+
+/// For each vertex of a mesh the mean distance, in metres, between the triangles around it and those of `points` that
+/// they are nearest to.
+fn mean_departures(mesh: &Mesh, points: &[Point3<f32>]) -> Vec<f32> {
+    let tree = Bvh::new(mesh);
+    let nearest: Vec<_> = points
+        .par_iter()
+        .map(|p| tree.closest_point(p.cast()))
+        .collect();
+    let mut sums = vec![(0.0, 0u32); mesh.vertices.len()];
+    for found in nearest.into_iter().flatten() {
+        for corner in mesh.triangles[found.triangle] {
+            let (sum, count) = &mut sums[corner as usize];
+            *sum += found.distance;
+            *count += 1;
+        }
+    }
+    let mean = |(sum, count): (f64, u32)| (sum / f64::from(count.max(1))) as f32;
+    sums.into_iter().map(mean).collect()
 }
 
 fn restore(

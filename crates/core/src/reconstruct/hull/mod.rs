@@ -9,12 +9,14 @@ mod directions;
 mod extremes;
 mod solid;
 mod steps;
+mod up_directions;
 mod viewing;
 
 pub use carving::{Carved, Carving, carving_of};
 pub use cone::Cone;
 pub use directions::Directions;
 pub use solid::{Bounds, FLOOR, Hull, Plane};
+pub use up_directions::UpDirections;
 pub use viewing::Exit;
 
 use super::surface::{self, Constraint, Lattice, SampledSolid, Solid, Surface};
@@ -321,7 +323,7 @@ fn without_stray_pieces(
     }
 }
 
-/// Whether a constraint is the volume's floor: the table.
+/// Whether a constraint is a table: the volume's floor, or that of a capture that was fused into the scene.
 pub fn is_floor(constraint: Constraint) -> bool {
     constraint == solid::FLOOR
 }

@@ -58,6 +58,11 @@ impl Bounds {
         std::iter::once(p.z - self.volume.min.z).chain(planes)
     }
 
+    /// The tables of captures that were fused into the scene.
+    pub(in crate::reconstruct) fn planes(&self) -> &[Plane] {
+        &self.planes
+    }
+
     /// The outward unit normal of a face or plane.
     fn normal(&self, face: usize) -> Vector3<f64> {
         match face.checked_sub(6).and_then(|i| self.planes.get(i)) {

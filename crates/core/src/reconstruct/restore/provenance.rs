@@ -3,7 +3,7 @@
 use super::{Source, Template};
 use crate::mesh::vertex_normals;
 use crate::reconstruct::depth::{DepthKind, OF_READING};
-use crate::reconstruct::hull::{Hull, carving_of, is_floor};
+use crate::reconstruct::hull::{Hull, UpDirections, carving_of, is_floor};
 use crate::reconstruct::surface::{Constraint, Surface};
 use crate::reconstruct::{Model, Provenance};
 use nalgebra::{Point2, Point3, Vector3};
@@ -24,12 +24,15 @@ const SHADOWED: f32 = 0.28;
 pub(super) fn describe(surface: Surface, template: &Template, sources: &[Source]) -> Model {
     let hull = template.hull;
     let normals = vertex_normals(&surface.mesh);
+    let up = UpDirections::of(hull.bounds());
+    // What lay on the table of one capture was seen in another in which it faced up, and may be the mouth of a hollow.
+    let was_hidden = |v: usize| up.faced(normals[v]).is_none();
     let of_vertex = |(v, &constraint): (usize, &Constraint)| {
         let p = surface.mesh.vertices[v];
         let footprint = || hull.pixel_footprint(p.cast()) as f32;
         match carving_of(constraint) {
             Some(i) => of_depth(p, normals[v], &sources[i], hull),
-            None if is_floor(constraint) => (Provenance::Table, footprint()),
+            None if is_floor(constraint) && was_hidden(v) => (Provenance::Table, footprint()),
             None => (Provenance::Hull, footprint()),
         }
     };

@@ -3,14 +3,19 @@
 
 use super::readings::{Readings, beneath};
 use super::touch::ViewingEdge;
+use crate::reconstruct::hull::UpDirections;
 use nalgebra::{Point3, Vector3};
 
-/// Height of a unit normal from which on a part of the surface faces up. Objects on a table open upwards.
-const UP: f32 = 0.5;
-
-/// Whether a place of the hull (metres, with its unit outward normal) may be the lid over a hollow.
-pub fn may_be_lid(p: Point3<f64>, normal: Vector3<f32>, readings: &[Readings]) -> bool {
-    normal.z > UP && beneath(p, normal, readings).is_none()
+/// The number of the direction that a place of the hull (metres, with its unit outward normal) faces, if it may be the
+/// lid over a hollow: objects on a table open upwards.
+pub fn may_be_lid(
+    p: Point3<f64>,
+    normal: Vector3<f32>,
+    up: &UpDirections,
+    readings: &[Readings],
+) -> Option<usize> {
+    let faced = up.faced(normal)?;
+    beneath(p, normal, readings).is_none().then_some(faced)
 }
 
 /// The way along a viewing edge to the nearest end at which the object has an edge, for there it is; `None` where it

@@ -21,7 +21,7 @@ mod touch;
 mod unrequired;
 
 use super::fairing::{FairedSolid, Touch};
-use super::hull::{Directions, Hull};
+use super::hull::{Directions, Hull, UpDirections};
 use super::{Model, Provenance};
 use crate::mesh::{Bvh, Mesh};
 use cut::Outlined;
@@ -174,9 +174,10 @@ fn state_errors_of_hull(model: &mut Model, evidence: &Evidence) {
     let places: Vec<Place> = each.into_par_iter().map(of_patch).collect();
     let known: Vec<Option<Outlined>> = places.par_iter().map(|p| evidence.known(p)).collect();
     let known: Vec<Outlined> = known.into_iter().flatten().collect();
+    let up = UpDirections::of(evidence.hull.bounds());
     let found: Vec<Stated> = places
         .par_iter()
-        .map(|place| evidence.stated(place, &known))
+        .map(|place| evidence.stated(place, &known, &up))
         .collect();
     let errors: Vec<f64> = found.iter().map(|stated| stated.error).collect();
     let stated = found.iter().zip(patches.smoothed(&errors));
@@ -269,16 +270,20 @@ impl Evidence<'_> {
 
     /// What is expected at a place: what outlines let expect of the outside, or what depth cameras show it to be off if
     /// that is more; half of how far the object is at most where a hollow may hide or the volume cuts the object; and
-    /// half the way to where a depth camera read it. `known` are the places that outlines bound.
-    fn stated(&self, place: &Place, known: &[Outlined]) -> Stated {
+    /// half the way to where a depth camera read it. `known` are the places that outlines bound, `up` the directions in
+    /// which hollows open.
+    fn stated(&self, place: &Place, known: &[Outlined], up: &UpDirections) -> Stated {
         let Place { point, normal, .. } = *place;
         let own = place.outlined();
         let is_guess = own.is_none() && self.is_cut(place, known);
         let beside = || cut::nearest(place.on_hull, known).map(|(beside, _)| beside);
         let outlined = own.or_else(|| beside().filter(|_| !is_guess));
         let of_hull = outlined.map_or(place.of_contour, |outlined| outlined.of_hull);
-        let of_outside = self.of_outside(place, of_hull, &self.stated_shares(place));
-        let may_be_lid = hollow::may_be_lid(point, normal, &self.readings);
+        let of_outside = match self.is_on_table(point) {
+            true => self.hull.pixel_footprint(point),
+            false => self.of_outside(place, of_hull, &self.stated_shares(place)),
+        };
+        let may_be_lid = hollow::may_be_lid(point, normal, up, &self.readings).is_some();
         let hidden = if is_guess || may_be_lid {
             let inwards = -normal.cast::<f64>();
             let reach = self.hull.reach(place.on_hull, inwards, self.cell_size);
@@ -338,10 +343,17 @@ impl Evidence<'_> {
         }
     }
 
+    /// Whether a place lies on a table of one capture and was seen in another: a table bounds the object itself.
+    fn is_on_table(&self, p: Point3<f64>) -> bool {
+        let bounds = self.hull.bounds();
+        let (height, _) = bounds.nearest_table(p);
+        !bounds.planes().is_empty() && height < 0.5 * self.cell_size
+    }
+
     /// Whether the volume may cut the object at a place where it bounds the hull.
     fn is_cut(&self, place: &Place, known: &[Outlined]) -> bool {
         let is_on_side = |faired: &FairedHull| faired.solid.is_on_side(place.point);
-        if self.faired.as_ref().is_some_and(is_on_side) {
+        if self.faired.as_ref().is_some_and(is_on_side) || self.is_on_table(place.point) {
             return false;
         }
         let outwards = place.normal.cast();

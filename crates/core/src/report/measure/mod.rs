@@ -37,7 +37,7 @@ pub struct Measurements {
     pub common_shift_share: f64,
     /// A depth camera each, in the order of the scene's; none where the method uses no depth.
     pub depths: Vec<DepthMeasures>,
-    /// Depth cameras of the rig, used or not.
+    /// Depth cameras that took part in the capture, used or not.
     pub depth_cameras: usize,
     /// The model.
     pub model: ModelMeasures,

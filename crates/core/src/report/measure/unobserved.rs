@@ -2,6 +2,7 @@
 
 use crate::calibration::Volume;
 use crate::mesh::Mesh;
+use crate::reconstruct::hull::UpDirections;
 use crate::reconstruct::uncertainty::{Readings, beneath, may_be_lid};
 use crate::reconstruct::{Model, Provenance, Reconstruction, Scene};
 use nalgebra::{Point3, Vector3};
@@ -40,25 +41,33 @@ impl UnobservedMeasures {
             .collect();
         let within = ON_SIDE_CELLS * made.cell_size;
         let is_on_side = |p| is_on_side(&scene.volume, p, within);
-        Self::of_model(&made.model, &readings, is_on_side)
+        Self::of_model(&made.model, &readings, &made.up, is_on_side)
     }
 
     /// `is_on_side` says whether a point lies on a side of the volume.
     fn of_model(
         model: &Model,
         readings: &[Readings],
+        up: &UpDirections,
         is_on_side: impl Fn(Point3<f64>) -> bool + Sync,
     ) -> Self {
         let place = |vertex: usize| match model.provenance[vertex] {
             Provenance::Table => Place::Table,
             Provenance::Unseen if is_on_side(model.mesh.vertices[vertex].cast()) => Place::Cut,
             Provenance::Unseen => Place::Guessed,
-            Provenance::Hull => of_hull(model, vertex, readings),
+            Provenance::Hull => of_hull(model, vertex, up, readings),
             _ => Place::Observed,
         };
         let count = model.mesh.vertices.len();
-        let heights = model.mesh.vertices.iter().map(|p| f64::from(p.z));
-        let table = heights.fold(f64::INFINITY, f64::min);
+        let height = |p: Point3<f32>, up: Vector3<f32>| f64::from(p.coords.dot(&up));
+        let tables: Vec<f64> = up
+            .all()
+            .iter()
+            .map(|up| {
+                let heights = model.mesh.vertices.iter().map(|p| height(*p, *up));
+                heights.fold(f64::INFINITY, f64::min)
+            })
+            .collect();
         let places: Vec<Place> = (0..count).into_par_iter().map(place).collect();
         let [
             mut whole,
@@ -76,10 +85,11 @@ impl UnobservedMeasures {
                     Place::Table => continue,
                     Place::Guessed => guessed += third,
                     Place::Cut => cut_by_volume += third,
-                    Place::Lid => {
+                    Place::Lid(number) => {
                         lids += third;
-                        let height = f64::from(model.mesh.vertices[vertex].z) - table;
-                        under_lids += height * normal.z.max(0.0) / 3.0;
+                        let up = up.all()[number];
+                        let depth = height(model.mesh.vertices[vertex], up) - tables[number];
+                        under_lids += depth * normal.dot(&up.cast()).max(0.0) / 3.0;
                     }
                     Place::SeenThrough => seen_through += third,
                     Place::Observed => {}
@@ -103,16 +113,17 @@ enum Place {
     Table,
     Guessed,
     Cut,
-    Lid,
+    /// It faces the direction of this number.
+    Lid(usize),
     SeenThrough,
     Observed,
 }
 
 /// What depth cameras saw of a vertex of the hull.
-fn of_hull(model: &Model, vertex: usize, readings: &[Readings]) -> Place {
+fn of_hull(model: &Model, vertex: usize, up: &UpDirections, readings: &[Readings]) -> Place {
     let (p, normal) = (model.mesh.vertices[vertex].cast(), model.normals[vertex]);
-    if may_be_lid(p, normal, readings) {
-        return Place::Lid;
+    if let Some(number) = may_be_lid(p, normal, up, readings) {
+        return Place::Lid(number);
     }
     match beneath(p, normal, readings) {
         Some(way) if way > SEEN_THROUGH => Place::SeenThrough,
@@ -159,16 +170,17 @@ mod tests {
             model.normals.extend([normal; 4]);
             model.provenance.extend([provenance; 4]);
         }
-        let found = UnobservedMeasures::of_model(&model, &[], |_| false);
+        let up = UpDirections::default();
+        let found = UnobservedMeasures::of_model(&model, &[], &up, |_| false);
         let figures = [found.guessed, found.lids, found.under_lids];
         for (figure, expected) in figures.into_iter().zip([0.25, 0.25, 0.5]) {
             assert!((figure - expected).abs() < 1e-9, "{found:?}");
         }
         // A guess is one all the same where the volume bounds it; what is known, or stands on the table, is not cut.
-        let found = UnobservedMeasures::of_model(&model, &[], |_| true);
+        let found = UnobservedMeasures::of_model(&model, &[], &up, |_| true);
         assert!((found.guessed - 0.25).abs() < 1e-9 && found.cut_by_volume == found.guessed);
         assert_eq!(
-            UnobservedMeasures::of_model(&Model::default(), &[], |_| false),
+            UnobservedMeasures::of_model(&Model::default(), &[], &up, |_| false),
             UnobservedMeasures::default()
         );
     }
@@ -194,7 +206,8 @@ mod tests {
         model.provenance = vec![Provenance::Hull; 4];
         let found = |depth| {
             let above = Above::reads(depth, 0.0, 0.0);
-            let found = UnobservedMeasures::of_model(&model, &above.readings(), |_| false);
+            let up = UpDirections::default();
+            let found = UnobservedMeasures::of_model(&model, &above.readings(), &up, |_| false);
             [found.lids, found.seen_through]
         };
         assert_eq!(found(0.8), [0.0, 0.0]);

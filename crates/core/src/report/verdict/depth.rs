@@ -6,12 +6,15 @@ use crate::reconstruct::Method;
 use crate::reconstruct::region::BiasSource;
 use crate::report::{DepthMeasures, Measurements, RegionMeasures};
 
+/// Share of the object's front from which on a depth camera counts as one that reads the object. Of what is black or
+/// shiny some pixels beside the table have readings all the same.
+const LEAST_COVERAGE: f64 = 0.05;
 /// What a model is that no depth restored.
 const HOLLOWS_FILLED: &str = "the model is the visual hull, its hollows are filled";
 
 pub(super) fn judge(measured: &Measurements, parameters: &Parameters, into: &mut Vec<Reason>) {
     if measured.depth_cameras == 0 {
-        let why = "the rig has no depth camera";
+        let why = "no depth camera took part in the capture";
         return into.push(only_a_hull(
             ReasonCode::NoDepthCamera,
             why,
@@ -28,8 +31,8 @@ pub(super) fn judge(measured: &Measurements, parameters: &Parameters, into: &mut
             parameters,
         ));
     }
-    let (blind, seeing): (Vec<_>, Vec<_>) =
-        measured.depths.iter().partition(|d| d.facts.measured == 0);
+    let reads_nothing = |d: &&DepthMeasures| d.coverage < LEAST_COVERAGE;
+    let (blind, seeing): (Vec<_>, Vec<_>) = measured.depths.iter().partition(reads_nothing);
     if !blind.is_empty() {
         into.push(without_depth(&blind, seeing.is_empty()));
     }
@@ -79,8 +82,8 @@ fn without_depth(blind: &[&DepthMeasures], all: bool) -> Reason {
         (false, false) => "what only they see stays the visual hull",
     };
     let words = match is_one {
-        true => format!("depth camera {names} has no reading of the object: {consequence}"),
-        false => format!("depth cameras {names} have no reading of the object: {consequence}"),
+        true => format!("depth camera {names} has hardly any reading of the object: {consequence}"),
+        false => format!("depth cameras {names} have hardly any reading of the object: {consequence}"),
     };
     Reason {
         level: Level::Amber,

@@ -56,7 +56,7 @@ pub enum ReasonCode {
     Warning,
     /// Parts of the recording cannot be read.
     Damage,
-    /// The rig has no depth camera.
+    /// No depth camera took part in the capture.
     NoDepthCamera,
     /// The method uses no depth.
     DepthNotUsed,

@@ -172,7 +172,7 @@ fn what_nothing_looked_into_and_what_is_guessed_is_to_be_looked_at_unless_a_hull
         let mut measured = measured();
         measured.depth_cameras = 1;
         let mut depth = crate::report::DepthMeasures::nothing(id("kinect"));
-        depth.facts.measured = 1000;
+        (depth.facts.measured, depth.coverage) = (1000, 0.9);
         measured.depths = vec![depth];
         measured.model.unobserved = UnobservedMeasures {
             guessed,
@@ -215,7 +215,7 @@ fn a_hollow_whose_depth_nothing_checks_is_told() {
         let mut measured = measured();
         measured.depth_cameras = 1;
         let mut depth = crate::report::DepthMeasures::nothing(id("kinect"));
-        depth.facts.measured = 1000;
+        (depth.facts.measured, depth.coverage) = (1000, 0.9);
         (depth.bias.source, depth.bias.remaining) = (source, 8e-3);
         depth.regions = Some(RegionMeasures {
             count: 1,
@@ -246,7 +246,7 @@ fn an_outline_that_the_depth_has_elsewhere_is_amber_and_names_the_camera() {
     let of = |apart: f64| {
         let mut measured = measured();
         let mut depth = crate::report::DepthMeasures::nothing(id("kinect"));
-        depth.facts.measured = 1000;
+        (depth.facts.measured, depth.coverage) = (1000, 0.9);
         depth.outline = Some(OutlineOffset {
             places: 300,
             outwards: -apart,
@@ -268,7 +268,7 @@ fn an_object_that_was_read_elsewhere_is_amber_beyond_what_the_bias_may_be() {
     let of = |found: Option<(f64, f64)>| {
         let mut measured = measured();
         let mut depth = crate::report::DepthMeasures::nothing(id("kinect"));
-        depth.facts.measured = 1000;
+        (depth.facts.measured, depth.coverage) = (1000, 0.9);
         depth.beside_regions = found.map(|(low, median)| BesideRegions {
             pixels: 300,
             low,
@@ -301,7 +301,7 @@ fn a_rim_that_was_read_in_front_of_the_hull_is_amber() {
     let of = |pixels| {
         let mut measured = measured();
         let mut depth = crate::report::DepthMeasures::nothing(id("kinect"));
-        depth.facts.measured = 1000;
+        (depth.facts.measured, depth.coverage) = (1000, 0.9);
         depth.in_front_of_hull = Some(InFrontOfHull {
             pixels,
             median: 3.5e-3,
@@ -598,7 +598,7 @@ fn several_depth_cameras_that_gave_nothing_are_several_in_words() {
     let verdict = judged(&measured, &capture());
     let words = &verdict.reasons[0].words;
     assert!(
-        words.starts_with("depth cameras d00, d01 have no reading of the object: "),
+        words.starts_with("depth cameras d00, d01 have hardly any reading of the object: "),
         "{words}"
     );
 }
