@@ -3,7 +3,7 @@
 use crate::network::alone;
 use crate::stand::{CAMERAS, CAPTURES, Stand, id, milliseconds_after};
 use crossbeam_channel::unbounded;
-use scand::drivers::aravis::{Parameters, TriggerMode};
+use scand::drivers::aravis::{ExposureMark, Parameters, TriggerMode};
 use scand::drivers::live::{Backoff, CameraEvent, Device, Fault, supervise};
 use scand::frame::Frame;
 use scand_lab::serve::Shown;
@@ -46,6 +46,32 @@ fn each_trigger_gives_the_picture_that_is_served_byte_for_byte() {
                 memory <= 2 * 64 * 48 * 3,
                 "{memory} bytes of the pool for one frame at a time"
             );
+        },
+    );
+}
+
+#[test]
+fn a_frame_that_is_stamped_at_its_end_belongs_to_its_trigger() {
+    alone(
+        "frames::a_frame_that_is_stamped_at_its_end_belongs_to_its_trigger",
+        || {
+            let stand = Stand::new([64, 48]);
+            // It stamps when it is triggered, by the exposure too early: as much as a clock may be off.
+            let (exposure, held_back) = (0.004, Duration::from_millis(10));
+            stand.rig.set_delay(&id("c00"), held_back).unwrap();
+            let parameters = Parameters {
+                exposure: Some(exposure),
+                exposure_mark: Some(ExposureMark::End),
+                ..stand.parameters("c00")
+            };
+            let mut device = stand.open("c00", parameters).unwrap();
+            for number in 0..CAPTURES {
+                let (shot, frames, stats) = stand.shoot(device.as_mut(), number as u64);
+                assert_eq!(frames.len(), 1, "{stats:?}");
+                assert!(stand.is_picture(&frames[0], 0, number));
+                let after = milliseconds_after(&shot, &frames[0]);
+                assert!(after >= 0.0, "stamped {after} ms after the trigger");
+            }
         },
     );
 }

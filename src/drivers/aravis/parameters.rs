@@ -72,7 +72,8 @@ pub struct Parameters {
     pub ptp: Option<bool>,
     /// How far it may be off its PTP master, in nanoseconds; default 100000.
     pub ptp_within_ns: Option<u64>,
-    /// Which moment its timestamps are of; default `start`.
+    /// Which moment its timestamps are of; default `start`. `end` excludes `auto_exposure`: the exposure is read once,
+    /// when the camera is opened.
     pub exposure_mark: Option<ExposureMark>,
     /// Frames that memory is kept ready for, 2 to 64; default 3, and 8 with `line` and `free-run`.
     #[serde(deserialize_with = "range::optional_count::<_, 2, 64>")]
@@ -224,6 +225,7 @@ impl Parameters {
             ));
         }
         self.not_both()?;
+        self.fits_exposure_mark()?;
         self.fits_trigger()?;
         self.fits_binned_looks()
     }
@@ -263,6 +265,18 @@ impl Parameters {
             )),
             None => Ok(()),
         }
+    }
+
+    /// A stamp of the end tells the beginning only by the exposure, which is read when the camera is opened.
+    fn fits_exposure_mark(&self) -> Result<(), String> {
+        if self.exposure_mark == Some(ExposureMark::End) && self.auto_exposure == Some(true) {
+            return Err(
+                "exposure_mark end and auto_exposure exclude each other: when an exposure began is computed from its \
+                 end and its length, which the camera would change: set exposure"
+                    .into(),
+            );
+        }
+        Ok(())
     }
 
     fn not_both(&self) -> Result<(), String> {
@@ -380,6 +394,10 @@ mod tests {
             ("serial = 'a'\npacket_size = 100", "220 to 16404"),
             ("serial = 'a'\nbuffers = 1", "2 to 64"),
             ("serial = 'a'\nauto_gain = true\ngain_db = 1", "exclude"),
+            (
+                "serial = 'a'\nauto_exposure = true\nexposure_mark = 'end'",
+                "exposure_mark end and auto_exposure exclude",
+            ),
             ("serial = 'a'\nframe_rate = 5", "free-run"),
             ("serial = 'a'\ntrigger = 'action'\nptp = false", "ptp"),
             ("serial = 'a'\nregion = { width = 0, height = 3 }", "0x3"),

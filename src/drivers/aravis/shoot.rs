@@ -24,20 +24,28 @@ const AFTER_DAMAGE: Duration = Duration::from_millis(250);
 const STALE_NS: i128 = 50_000_000;
 
 impl OpenCamera {
-    /// When the exposure of a frame began, on the host's timeline.
+    /// When the exposure of a frame began, on the host's timeline. `not_before` is what is known of that otherwise.
     fn begin_of(
         &mut self,
         stamp_ns: u64,
         not_before: Option<Timestamp>,
     ) -> Result<Timestamp, String> {
+        let after_begin_ns = self.stamp_after_begin_ns();
+        // The stamp's time is held against what is known of that moment: the exposure's end, where that is stamped.
+        let not_before = not_before.map(|t| Timestamp(t.0.saturating_add(after_begin_ns)));
         let camera = (&self.camera, &self.device);
         let time = self.camera_clock.host_time(stamp_ns, not_before, camera)?;
+        Ok(Timestamp(time.0.saturating_sub(after_begin_ns)))
+    }
+
+    /// How long after the beginning of an exposure the camera stamps its frame.
+    fn stamp_after_begin_ns(&self) -> u64 {
         match self.parameters.exposure_mark.unwrap_or_default() {
-            ExposureMark::Start => Ok(time),
+            ExposureMark::Start => 0,
             ExposureMark::End => {
                 let settings = self.info.settings.as_ref();
                 let exposure = settings.and_then(|s| s.exposure).unwrap_or(0.0);
-                Ok(Timestamp(time.0.saturating_sub((exposure * 1e9) as u64)))
+                (exposure * 1e9) as u64
             }
         }
     }
