@@ -14,6 +14,7 @@ use crate::drivers::pixel_format::PixelFormat;
 use crate::drivers::{openni2, v4l2};
 use crate::frame::CameraId;
 use crate::log;
+use crate::sync;
 use std::collections::BTreeMap;
 use std::time::Duration;
 
@@ -122,13 +123,24 @@ fn openni2_cameras(config: &Config, shared: &Shared) -> Result<Vec<RigCamera>, S
             driver,
         })
     };
-    let cameras = checked(
-        "openni2",
-        config.openni2.each()?,
-        openni2::Parameters::checked,
-    )?;
+    let check = |parameters: &openni2::Parameters| {
+        parameters.checked()?;
+        fits_captures(parameters.burst, &config.sync)
+    };
+    let cameras = checked("openni2", config.openni2.each()?, check)?;
     duplicate_devices::check_unique_openni2(&cameras)?;
     cameras.into_iter().map(camera).collect()
+}
+
+/// Refuses a burst of which a capture would leave frames out, or that could make none complete.
+fn fits_captures(burst: Option<u32>, sync: &sync::Parameters) -> Result<(), String> {
+    let (fewest, most) = (sync.min_depth_frames, sync.depth_frames);
+    match burst {
+        Some(burst) if !(fewest..=most).contains(&(burst as usize)) => Err(format!(
+            "burst is {burst}, expected {fewest} to {most} (sync.min_depth_frames and sync.depth_frames)"
+        )),
+        _ => Ok(()),
+    }
 }
 
 /// Each camera of a driver, checked, by its id.
@@ -289,4 +301,26 @@ fn openni2_driver(
     _: &Shared<'_>,
 ) -> Result<Box<dyn Driver>, String> {
     Err(not_built_in(id, "openni2"))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_burst_is_as_long_as_a_capture_can_use() {
+        let sync = sync::Parameters::default();
+        for burst in [None, Some(10), Some(30)] {
+            assert_eq!(fits_captures(burst, &sync), Ok(()));
+        }
+        for burst in [9, 31] {
+            let refused = fits_captures(Some(burst), &sync).unwrap_err();
+            assert_eq!(
+                refused,
+                format!(
+                    "burst is {burst}, expected 10 to 30 (sync.min_depth_frames and sync.depth_frames)"
+                )
+            );
+        }
+    }
 }

@@ -26,7 +26,8 @@ pub struct Parameters {
     pub synchronise: Option<bool>,
     /// Whether the colour pictures are taken as well. Default true.
     pub color: Option<bool>,
-    /// Depth frames of a capture, from 1 to 1000. Default 30.
+    /// Depth frames that it takes for a capture, from 1 to 1000, and from `sync.min_depth_frames` to
+    /// `sync.depth_frames`. Default: `sync.depth_frames`.
     #[serde(deserialize_with = "range::optional_count::<_, 1, 1000>")]
     pub burst: Option<u32>,
     /// Whether the camera's light is on for its captures alone, because depth cameras that see the same place disturb
@@ -102,7 +103,7 @@ impl Parameters {
         self.rate.unwrap_or(30).max(1)
     }
 
-    /// Depth frames of a capture.
+    /// Depth frames of a capture; 30 where nothing says how many.
     pub fn burst(&self) -> u32 {
         self.burst.unwrap_or(30)
     }
