@@ -49,13 +49,13 @@ pub(super) fn rig_cameras(
     };
     let mut rig_cameras: BTreeMap<CameraId, RigCamera> = BTreeMap::new();
     for camera in gige_cameras(config, calibration, &shared)? {
-        add(&mut rig_cameras, calibration, camera)?;
+        add(&mut rig_cameras, camera)?;
     }
-    for camera in v4l2_cameras(config, &shared)? {
-        add(&mut rig_cameras, calibration, camera)?;
+    for camera in v4l2_cameras(config, calibration, &shared)? {
+        add(&mut rig_cameras, camera)?;
     }
-    for camera in openni2_cameras(config, &shared)? {
-        add(&mut rig_cameras, calibration, camera)?;
+    for camera in openni2_cameras(config, calibration, &shared)? {
+        add(&mut rig_cameras, camera)?;
     }
     if rig_cameras
         .values()
@@ -91,7 +91,11 @@ fn gige_cameras(
     cameras.into_iter().map(camera).collect()
 }
 
-fn v4l2_cameras(config: &Config, shared: &Shared) -> Result<Vec<RigCamera>, String> {
+fn v4l2_cameras(
+    config: &Config,
+    calibration: Option<&RigCalibration>,
+    shared: &Shared,
+) -> Result<Vec<RigCamera>, String> {
     let camera = |(id, parameters): (CameraId, v4l2::Parameters)| {
         let needs_signal = parameters.trigger() == v4l2::TriggerMode::Line;
         let driver = v4l2_driver(&id, parameters, shared)?;
@@ -104,10 +108,17 @@ fn v4l2_cameras(config: &Config, shared: &Shared) -> Result<Vec<RigCamera>, Stri
     };
     let cameras = checked("v4l2", config.v4l2.each()?, v4l2::Parameters::checked)?;
     duplicate_devices::check_unique_v4l2(&cameras)?;
+    for id in cameras.keys() {
+        fits_calibration(calibration, id)?;
+    }
     cameras.into_iter().map(camera).collect()
 }
 
-fn openni2_cameras(config: &Config, shared: &Shared) -> Result<Vec<RigCamera>, String> {
+fn openni2_cameras(
+    config: &Config,
+    calibration: Option<&RigCalibration>,
+    shared: &Shared,
+) -> Result<Vec<RigCamera>, String> {
     let camera = |(id, mut parameters): (CameraId, openni2::Parameters)| {
         parameters.burst = Some(parameters.burst.unwrap_or(config.sync.depth_frames as u32));
         let kind = if parameters.take_turns() {
@@ -129,6 +140,9 @@ fn openni2_cameras(config: &Config, shared: &Shared) -> Result<Vec<RigCamera>, S
     };
     let cameras = checked("openni2", config.openni2.each()?, check)?;
     duplicate_devices::check_unique_openni2(&cameras)?;
+    for id in cameras.keys() {
+        fits_calibration(calibration, id)?;
+    }
     cameras.into_iter().map(camera).collect()
 }
 
@@ -160,22 +174,26 @@ fn checked<P>(
 
 fn add(
     rig_cameras: &mut BTreeMap<CameraId, RigCamera>,
-    calibration: Option<&RigCalibration>,
     rig_camera: RigCamera,
 ) -> Result<(), String> {
     let id = rig_camera.id.clone();
-    if let Some(calibration) = calibration
-        && !calibration.cameras.contains_key(&id)
-    {
-        let known: Vec<&str> = calibration.cameras.keys().map(CameraId::as_str).collect();
-        return Err(format!(
-            "camera {id} is not in rig.calibration, which has {}: calibrate it, or remove it from the configuration",
-            known.join(", ")
-        ));
-    }
     match rig_cameras.insert(id.clone(), rig_camera) {
         Some(_) => Err(format!("camera {id} is configured for two drivers")),
         None => Ok(()),
+    }
+}
+
+/// Refuses a camera that the rig was calibrated without.
+fn fits_calibration(calibration: Option<&RigCalibration>, id: &CameraId) -> Result<(), String> {
+    match calibration {
+        Some(calibration) if !calibration.cameras.contains_key(id) => {
+            let known: Vec<&str> = calibration.cameras.keys().map(CameraId::as_str).collect();
+            Err(format!(
+                "camera {id} is not in rig.calibration, which has {}: calibrate it, or remove it from the configuration",
+                known.join(", ")
+            ))
+        }
+        _ => Ok(()),
     }
 }
 
@@ -187,6 +205,10 @@ fn staggered(
 ) -> Result<BTreeMap<CameraId, GigeParameters>, String> {
     let mut cameras = checked("aravis", config.aravis.each()?, GigeParameters::checked)?;
     duplicate_devices::check_unique_gige(&cameras)?;
+    // Before the links, which know only calibrated cameras.
+    for id in cameras.keys() {
+        fits_calibration(calibration, id)?;
+    }
     let Some(calibration) = calibration else {
         for name in config.links.keys() {
             log::warning!(
@@ -306,6 +328,42 @@ fn openni2_driver(
 #[cfg(test)]
 mod tests {
     use super::*;
+    use std::path::Path;
+
+    /// A calibration of two cameras, with pictures of 640x480 pixels each.
+    fn calibration() -> RigCalibration {
+        let camera = |id: &str| {
+            format!(
+                "[cameras.{id}]\nsize = [640, 480]\nfocal_px = [800.0, 800.0]\ncenter_px = [320.0, 240.0]\n\
+                 translation = [0.0, 0.0, 1.0]\nrotation = [1.0, 0.0, 0.0, 0.0]\n"
+            )
+        };
+        let text = format!("format = 1\n{}{}", camera("c00"), camera("c01"));
+        RigCalibration::parse(Path::new("calibration.toml"), &text).unwrap()
+    }
+
+    /// The GigE Vision cameras of a configuration.
+    fn gige(text: &str) -> Result<BTreeMap<CameraId, GigeParameters>, String> {
+        staggered(&toml::from_str(text).unwrap(), Some(&calibration()))
+    }
+
+    #[test]
+    fn a_camera_without_a_calibration_is_named_also_where_a_link_names_it() {
+        let link = "[links.left]\nspeed_mbit = 1000\ncameras = ['c00', 'c01']\n";
+        let cameras = "[aravis.cameras]\nc00 = { serial = 'a' }\nc01 = { serial = 'b' }\n";
+        let sound = format!("{link}{cameras}");
+        assert_eq!(gige(&sound).unwrap().len(), 2);
+        let refused = gige(&sound.replace("c01", "c11")).unwrap_err();
+        assert!(
+            refused.starts_with("camera c11 is not in rig.calibration, which has c00, c01: "),
+            "{refused}"
+        );
+        let refused = gige(&sound.replace("'c01'", "'c11'")).unwrap_err();
+        assert!(
+            refused.contains("\"c11\" is not a GigE Vision"),
+            "{refused}"
+        );
+    }
 
     #[test]
     fn a_burst_is_as_long_as_a_capture_can_use() {
