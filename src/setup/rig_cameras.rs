@@ -14,7 +14,8 @@ use crate::drivers::pixel_format::PixelFormat;
 use crate::drivers::{openni2, v4l2};
 use crate::frame::CameraId;
 use crate::log;
-use crate::sync;
+use crate::sync::{self, FreeRunning};
+use crate::words::closest;
 use std::collections::BTreeMap;
 use std::time::Duration;
 
@@ -57,14 +58,15 @@ pub(super) fn rig_cameras(
     for camera in openni2_cameras(config, calibration, &shared)? {
         add(&mut rig_cameras, camera)?;
     }
-    if rig_cameras
+    let colors: Vec<&str> = rig_cameras
         .values()
         .filter(|s| s.kind == CameraKind::Color)
-        .count()
-        < 2
-    {
+        .map(|s| s.id.as_str())
+        .collect();
+    if colors.len() < 2 {
         return Err("expected at least two colour cameras (aravis.cameras, v4l2.cameras)".into());
     }
+    know_free_running(&colors, &config.sync.nearest_color)?;
     let calibrated = calibration.iter().flat_map(|c| c.cameras.keys());
     for id in calibrated.filter(|id| !rig_cameras.contains_key(id)) {
         log::warning!("camera {id} is calibrated but not configured, and is ignored");
@@ -181,6 +183,23 @@ fn add(
         Some(_) => Err(format!("camera {id} is configured for two drivers")),
         None => Ok(()),
     }
+}
+
+/// Refuses free-running cameras that are none of the rig's colour cameras.
+fn know_free_running(colors: &[&str], free_running: &FreeRunning) -> Result<(), String> {
+    let FreeRunning::Some(named) = free_running else {
+        return Ok(());
+    };
+    let mut named = named.iter().map(CameraId::as_str);
+    let Some(unknown) = named.find(|name| !colors.contains(name)) else {
+        return Ok(());
+    };
+    let tip = closest(unknown, colors.iter().copied());
+    let tip = tip.map_or_else(String::new, |known| format!(": did you mean {known:?}?"));
+    Err(format!(
+        "sync.nearest_color names {unknown:?}, expected colour cameras of this rig, which has {}{tip}",
+        colors.join(", ")
+    ))
 }
 
 /// Refuses a camera that the rig was calibrated without.
@@ -363,6 +382,23 @@ mod tests {
             refused.contains("\"c11\" is not a GigE Vision"),
             "{refused}"
         );
+    }
+
+    #[test]
+    fn free_running_cameras_are_colour_cameras_of_the_rig() {
+        let some = |name: &str| FreeRunning::Some([CameraId::new(name).unwrap()].into());
+        let know = |free_running| know_free_running(&["c00", "c01", "left"], &free_running);
+        for known in [FreeRunning::All, FreeRunning::default(), some("c01")] {
+            assert_eq!(know(known), Ok(()));
+        }
+        let close = know(some("letf")).unwrap_err();
+        assert_eq!(
+            close,
+            "sync.nearest_color names \"letf\", expected colour cameras of this rig, which has c00, c01, left: \
+             did you mean \"left\"?"
+        );
+        let far = know(some("kinect")).unwrap_err();
+        assert!(far.ends_with("which has c00, c01, left"), "{far}");
     }
 
     #[test]
