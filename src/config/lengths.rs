@@ -1,17 +1,54 @@
-//! Converts lengths with units, such as `"2mm"`, into the numbers of a configuration: millimetres if the key says so,
-//! otherwise metres. Elements of arrays may have units as well. This file knows only from the defaults which settings
-//! exist.
+//! Converts lengths with units, such as `"2mm"`, into the numbers of a configuration: millimetres if the setting's name
+//! says so, otherwise metres. Elements of arrays may have units as well. Settings that are no lengths keep such a text,
+//! which is then refused as no number. This file knows from the defaults which settings exist, and of those without a
+//! unit in their names which ones are lengths.
 
 use crate::range;
 use std::ops::Range;
 use toml::de::{DeTable, DeValue};
 use toml::{Spanned, Table, Value};
 
+/// The settings that count metres. All others without a unit in their names count seconds, or something that has no
+/// unit.
+const METRES: [&str; 7] = [
+    "cell_size",
+    "depth_step",
+    "depths",
+    "max",
+    "min",
+    "noise_at_1m",
+    "nominal_slope",
+];
+
+/// A setting's name, as far as it says what the setting counts.
+#[derive(Clone, Copy)]
+pub(super) struct Name<'a> {
+    /// The section that it stands in; empty outside of all.
+    pub section: &'a str,
+    /// Its own name.
+    pub key: &'a str,
+}
+
+impl Name<'_> {
+    /// How many of what it counts make a metre; `None` of what is no length.
+    fn per_metre(self) -> Option<f64> {
+        // The limits of a verdict count what their section's name says.
+        let name = match self.key {
+            "amber" | "red" => self.section,
+            key => key,
+        };
+        if name.ends_with("_mm") {
+            return Some(1e3);
+        }
+        METRES.contains(&name).then_some(1.0)
+    }
+}
+
 /// The same text with numbers in place of lengths that have a unit. Its lines are where they were.
 pub(super) fn as_numbers(text: &str, defaults: &Table) -> String {
     let mut numbers = Vec::new();
     if let Ok(table) = DeTable::parse(text) {
-        find(table.get_ref(), defaults, &mut numbers);
+        find("", table.get_ref(), defaults, &mut numbers);
     }
     numbers.sort_by_key(|(at, _)| at.start);
     let mut text = text.to_owned();
@@ -22,48 +59,57 @@ pub(super) fn as_numbers(text: &str, defaults: &Table) -> String {
 }
 
 /// The same value with numbers in place of lengths that have a unit.
-pub(super) fn as_number(key: &str, value: Value, default: Option<&Value>) -> Value {
+pub(super) fn as_number(name: Name<'_>, value: Value, default: Option<&Value>) -> Value {
     match (value, default) {
-        (Value::Table(section), Some(Value::Table(defaults))) => {
-            let entries = section.into_iter().map(|(key, value)| {
-                let number = as_number(&key, value, defaults.get(&key));
+        (Value::Table(entries), Some(Value::Table(defaults))) => {
+            let section = name.key;
+            let entries = entries.into_iter().map(|(key, value)| {
+                let inner = Name { section, key: &key };
+                let number = as_number(inner, value, defaults.get(&key));
                 (key, number)
             });
             Value::Table(entries.collect())
         }
         (Value::Array(items), Some(Value::Array(defaults))) => {
-            let of_item = |(index, item)| as_number(key, item, element(defaults, index));
+            let of_item = |(index, item)| as_number(name, item, element(defaults, index));
             Value::Array(items.into_iter().enumerate().map(of_item).collect())
         }
         (Value::String(text), Some(Value::Float(_))) => {
-            length(key, &text).map_or(Value::String(text), Value::Float)
+            length(name, &text).map_or(Value::String(text), Value::Float)
         }
         (value, _) => value,
     }
 }
 
-fn find(table: &DeTable<'_>, defaults: &Table, numbers: &mut Vec<(Range<usize>, f64)>) {
+fn find(
+    section: &str,
+    table: &DeTable<'_>,
+    defaults: &Table,
+    numbers: &mut Vec<(Range<usize>, f64)>,
+) {
     for (key, value) in table {
         let key = key.get_ref().as_ref();
-        find_in(key, value, defaults.get(key), numbers);
+        find_in(Name { section, key }, value, defaults.get(key), numbers);
     }
 }
 
 fn find_in(
-    key: &str,
+    name: Name<'_>,
     value: &Spanned<DeValue<'_>>,
     default: Option<&Value>,
     numbers: &mut Vec<(Range<usize>, f64)>,
 ) {
     match (value.get_ref(), default) {
-        (DeValue::Table(section), Some(Value::Table(defaults))) => find(section, defaults, numbers),
+        (DeValue::Table(entries), Some(Value::Table(defaults))) => {
+            find(name.key, entries, defaults, numbers);
+        }
         (DeValue::Array(items), Some(Value::Array(defaults))) => {
             for (index, item) in items.iter().enumerate() {
-                find_in(key, item, element(defaults, index), numbers);
+                find_in(name, item, element(defaults, index), numbers);
             }
         }
         (DeValue::String(text), Some(Value::Float(_))) => {
-            numbers.extend(length(key, text).map(|number| (value.span(), number)));
+            numbers.extend(length(name, text).map(|number| (value.span(), number)));
         }
         _ => {}
     }
@@ -74,12 +120,8 @@ fn element(defaults: &[Value], index: usize) -> Option<&Value> {
     defaults.get(index).or(defaults.last())
 }
 
-/// The number that a setting takes for a length with its unit; `None` for another text.
-fn length(key: &str, text: &str) -> Option<f64> {
+/// The number that a setting takes for a length with its unit; `None` for another text, and of what is no length.
+fn length(name: Name<'_>, text: &str) -> Option<f64> {
     let metres = range::metres(text).filter(|_| range::has_unit(text))?;
-    Some(if key.ends_with("_mm") {
-        1e3 * metres
-    } else {
-        metres
-    })
+    Some(name.per_metre()? * metres)
 }

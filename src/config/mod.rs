@@ -319,7 +319,11 @@ fn set(table: &mut Table, text: &str, defaults: &Table) -> Result<(), Error> {
         .iter()
         .try_fold(defaults, |section, key| section.get(*key)?.as_table())
         .and_then(|section| section.get(last));
-    let value = lengths::as_number(last, value, default);
+    let name = lengths::Name {
+        section: keys.last().copied().unwrap_or_default(),
+        key: last,
+    };
+    let value = lengths::as_number(name, value, default);
     let mut section = table;
     for key in keys {
         let entry = section

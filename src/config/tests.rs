@@ -73,6 +73,40 @@ fn lengths_may_have_their_units() {
 }
 
 #[test]
+fn what_is_no_length_takes_no_unit_of_one() {
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join("lengths.toml");
+    for (section, key, text) in [
+        ("service", "patience_s", "5m"),
+        ("sync", "window_ms", "2m"),
+        ("calibration.limits", "good_px", "1mm"),
+        ("calibration.plane", "steepest_degrees", "1in"),
+        ("hull", "resolution", "100m"),
+        ("silhouette", "smoothness", "3cm"),
+        ("verdict.skew_ms", "amber", "20m"),
+    ] {
+        let set = settings(&[&format!("{section}.{key}={text}")]).unwrap_err();
+        let set = set.to_string();
+        assert!(
+            set.contains(&format!("{section}.{key}={text}: ")),
+            "{section}.{key}: {set}"
+        );
+        std::fs::write(&file, format!("[{section}]\n{key} = \"{text}\"\n")).unwrap();
+        let message = Config::load(Some(&file), &[]).unwrap_err().to_string();
+        assert!(
+            message.contains("line 2") && message.contains(key) && message.contains(text),
+            "{section}.{key}: {message}"
+        );
+    }
+    // A verdict's limit counts what its section's name says.
+    std::fs::write(&file, "[verdict.disagreement_mm]\namber = \"0.5cm\"\n").unwrap();
+    let by_file = Config::load(Some(&file), &[]).unwrap();
+    assert_eq!(by_file.verdict.disagreement_mm.amber, 5.0);
+    let set = settings(&["verdict.disagreement_mm.amber=0.5cm"]).unwrap();
+    assert_eq!(set.verdict, by_file.verdict);
+}
+
+#[test]
 fn lengths_in_arrays_may_have_their_units() {
     let folder = tempfile::tempdir().unwrap();
     let file = folder.path().join("lengths.toml");
