@@ -126,7 +126,8 @@ fn same_sizes(before: &SessionHeader, now: &SessionHeader) -> Result<(), String>
             "the calibration has other cameras than before: restart the daemon to use it".into(),
         ),
         Some(((id, b), (_, n))) => Err(format!(
-            "the calibration of camera {id} is for {}x{} pixels, but the camera runs with {}x{}: restart the daemon",
+            "the calibration of camera {id} is for {}x{} pixels, and the calibration so far is for {}x{}: restart the daemon \
+             to use it",
             n[0], n[1], b[0], b[1]
         )),
     }

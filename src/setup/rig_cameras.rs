@@ -34,8 +34,8 @@ const PLAIN_PACKET: u32 = 1500;
 /// The cameras of a configuration.
 ///
 /// # Errors
-/// If a camera is named twice, has two names, is set wrongly or is missing in the calibration, its driver is not in
-/// this program, or a link cannot carry what it should.
+/// If a camera is named twice, has two names, is set wrongly, is missing in the calibration or has pictures of another
+/// size than there, its driver is not in this program, or a link cannot carry what it should.
 pub(super) fn rig_cameras(
     config: &Config,
     calibration: Option<&RigCalibration>,
@@ -110,8 +110,8 @@ fn v4l2_cameras(
     };
     let cameras = checked("v4l2", config.v4l2.each()?, v4l2::Parameters::checked)?;
     duplicate_devices::check_unique_v4l2(&cameras)?;
-    for id in cameras.keys() {
-        fits_calibration(calibration, id)?;
+    for (id, parameters) in &cameras {
+        fits_calibration(calibration, id, ["v4l2", "size"], parameters.size)?;
     }
     cameras.into_iter().map(camera).collect()
 }
@@ -142,8 +142,13 @@ fn openni2_cameras(
     };
     let cameras = checked("openni2", config.openni2.each()?, check)?;
     duplicate_devices::check_unique_openni2(&cameras)?;
-    for id in cameras.keys() {
-        fits_calibration(calibration, id)?;
+    for (id, parameters) in &cameras {
+        fits_calibration(
+            calibration,
+            id,
+            ["openni2", "size"],
+            Some(parameters.size()),
+        )?;
     }
     cameras.into_iter().map(camera).collect()
 }
@@ -202,16 +207,31 @@ fn know_free_running(colors: &[&str], free_running: &FreeRunning) -> Result<(), 
     ))
 }
 
-/// Refuses a camera that the rig was calibrated without.
-fn fits_calibration(calibration: Option<&RigCalibration>, id: &CameraId) -> Result<(), String> {
-    match calibration {
-        Some(calibration) if !calibration.cameras.contains_key(id) => {
-            let known: Vec<&str> = calibration.cameras.keys().map(CameraId::as_str).collect();
-            Err(format!(
-                "camera {id} is not in rig.calibration, which has {}: calibrate it, or remove it from the configuration",
-                known.join(", ")
-            ))
-        }
+/// Refuses a camera that the rig was calibrated without, or with pictures of another size than its settings say.
+/// `size` is the one that its driver's setting `field` says, if it does.
+fn fits_calibration(
+    calibration: Option<&RigCalibration>,
+    id: &CameraId,
+    [driver, field]: [&str; 2],
+    size: Option<[u32; 2]>,
+) -> Result<(), String> {
+    let Some(calibration) = calibration else {
+        return Ok(());
+    };
+    let Some((camera, _)) = calibration.cameras.get(id) else {
+        let known: Vec<&str> = calibration.cameras.keys().map(CameraId::as_str).collect();
+        return Err(format!(
+            "camera {id} is not in rig.calibration, which has {}: calibrate it, or remove it from the configuration",
+            known.join(", ")
+        ));
+    };
+    let expected = [camera.intrinsics.width, camera.intrinsics.height];
+    match size {
+        Some(size) if size.map(|side| side as usize) != expected => Err(format!(
+            "{driver}.cameras.{id}: {field} is {}x{} pixels, expected {}x{}, for which rig.calibration has this camera: \
+             change {field}, or calibrate the camera as it is set",
+            size[0], size[1], expected[0], expected[1]
+        )),
         _ => Ok(()),
     }
 }
@@ -225,8 +245,9 @@ fn staggered(
     let mut cameras = checked("aravis", config.aravis.each()?, GigeParameters::checked)?;
     duplicate_devices::check_unique_gige(&cameras)?;
     // Before the links, which know only calibrated cameras.
-    for id in cameras.keys() {
-        fits_calibration(calibration, id)?;
+    for (id, parameters) in &cameras {
+        let size = parameters.region.map(|r| [r.width, r.height]);
+        fits_calibration(calibration, id, ["aravis", "region"], size)?;
     }
     let Some(calibration) = calibration else {
         for name in config.links.keys() {
@@ -382,6 +403,26 @@ mod tests {
             refused.contains("\"c11\" is not a GigE Vision"),
             "{refused}"
         );
+    }
+
+    #[test]
+    fn a_camera_is_set_to_the_size_that_it_was_calibrated_with() {
+        let of = |size: &str| {
+            gige(&format!(
+                "[aravis.defaults]\nregion = {{ {size} }}\n[aravis.cameras.c00]\nserial = 'a'\n"
+            ))
+        };
+        assert_eq!(of("x = 8, width = 640, height = 480").unwrap().len(), 1);
+        let refused = of("width = 640, height = 512").unwrap_err();
+        let words = "aravis.cameras.c00: region is 640x512 pixels, expected 640x480, for which rig.calibration";
+        assert!(refused.starts_with(words), "{refused}");
+        // Nothing is known of a size that the camera has by itself, or without a calibration.
+        let id = CameraId::new("c01").unwrap();
+        let fits = |calibration, size| fits_calibration(calibration, &id, ["v4l2", "size"], size);
+        let calibration = calibration();
+        assert_eq!(fits(Some(&calibration), None), Ok(()));
+        assert_eq!(fits(None, Some([480, 640])), Ok(()));
+        assert!(fits(Some(&calibration), Some([480, 640])).is_err());
     }
 
     #[test]

@@ -62,7 +62,9 @@ def refused():
     vivid.unload()
     vivid.load([vivid.WEBCAM] * len(REFUSED))
     cameras = [section(i, SIZES[0], "YUYV", **change) for i, (change, _) in enumerate(REFUSED)]
-    scand.configure(DEFAULTS + "".join(cameras), {name(i): SIZES[0] for i in range(len(REFUSED))})
+    # A size that differs from the calibration's is refused before a camera is asked.
+    sizes = {name(i): change.get("size", SIZES[0]) for i, (change, _) in enumerate(REFUSED)}
+    scand.configure(DEFAULTS + "".join(cameras), sizes)
     scand.start(ready=False)
     for index, (_, words) in enumerate(REFUSED):
         contains(scand.becomes(name(index), "away"), *words)
