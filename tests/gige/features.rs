@@ -144,6 +144,12 @@ fn what_a_camera_does_not_take_is_refused_with_its_answer() {
             }
             // Nothing is held after a refusal.
             assert!(stand.open("c00", all()).is_ok());
+            // A camera that cannot wait can be the first one of its link.
+            let first = Parameters {
+                transmission_delay_ns: Some(0),
+                ..all()
+            };
+            assert!(stand.open("c00", first).is_ok());
         },
     );
 }

@@ -46,7 +46,8 @@ pub struct Parameters {
     pub packet_size: Option<u32>,
     /// Pause between two of its packets in nanoseconds.
     pub packet_delay_ns: Option<u32>,
-    /// Pause before the first packet of a frame in nanoseconds (`GevSCFTD`), so that cameras of one link take turns.
+    /// Pause before the first packet of a frame in nanoseconds (`GevSCFTD`), so that cameras of one link take turns. A
+    /// camera without this feature takes 0, which is what the first camera of a link has.
     pub transmission_delay_ns: Option<u64>,
     /// Whether lost packets are asked for again; default `true`.
     pub packet_resend: Option<bool>,

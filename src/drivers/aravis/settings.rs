@@ -261,7 +261,9 @@ impl Setting<'_, '_> {
             let near = (found - i64::from(asked)).abs() <= 1_000;
             self.features.took(name, asked, found, near)?;
         }
-        if let Some(asked) = self.parameters.transmission_delay_ns {
+        // A camera without this feature does not wait: right for the first one of a link, which has 0.
+        let asked = self.parameters.transmission_delay_ns;
+        if let Some(asked) = asked.filter(|ns| *ns > 0 || self.features.has("GevSCFTD")) {
             let name = self.features.need(&["GevSCFTD"], format!("{asked} ns"))?;
             self.features.integer(name, self.ticks(asked)?)?;
         }
