@@ -56,6 +56,7 @@ impl ReloadableConfig {
     /// If they are bad, or something has changed that may not: each key by its name.
     pub fn reload(&self, clock: Clock) -> Result<(ReloadedSettings, ServiceParameters), String> {
         let now = self.source.prepare(clock).map_err(|e| e.to_string())?;
+        both_calibrated_or_not(&self.config, &now.config)?;
         let mut fixed = changed(&self.config, &now.config)?;
         fixed.retain(|key| !may_change(key));
         if !fixed.is_empty() {
@@ -85,6 +86,20 @@ fn may_change(key: &str) -> bool {
             .is_some_and(|rest| rest.is_empty() || rest.starts_with('.'))
     };
     MAY_CHANGE.iter().find(within).is_some()
+}
+
+/// Refuses a calibration of a daemon that was started without one, and the reverse: whether models are made is decided
+/// at the start. The setting of the workers would differ with it, and be named in its place.
+fn both_calibrated_or_not(before: &Config, now: &Config) -> Result<(), String> {
+    let is_calibrated = |config: &Config| !config.rig.calibration.as_os_str().is_empty();
+    let does = match (is_calibrated(before), is_calibrated(now)) {
+        (false, true) => "begin",
+        (true, false) => "end",
+        _ => return Ok(()),
+    };
+    Err(format!(
+        "rig.calibration: restart the daemon to {does} making models"
+    ))
 }
 
 /// The keys that differ, in full.
@@ -162,6 +177,19 @@ mod tests {
         let fixed: Vec<_> = keys.into_iter().filter(|key| !may_change(key)).collect();
         assert_eq!(fixed, [all[0], all[1], all[3]]);
         assert!(changed(&before, &before).unwrap().is_empty());
+    }
+
+    #[test]
+    fn a_first_calibration_and_the_loss_of_one_are_named() {
+        let without = config(&[]);
+        let with = config(&["rig.calibration=a.toml"]);
+        let another = config(&["rig.calibration=b.toml"]);
+        assert_eq!(both_calibrated_or_not(&without, &without), Ok(()));
+        assert_eq!(both_calibrated_or_not(&with, &another), Ok(()));
+        for (before, now, does) in [(&without, &with, "begin"), (&with, &without, "end")] {
+            let words = format!("rig.calibration: restart the daemon to {does} making models");
+            assert_eq!(both_calibrated_or_not(before, now), Err(words));
+        }
     }
 
     #[test]
