@@ -2,7 +2,7 @@
 
 use super::{Finding, State};
 use crate::words::count;
-use std::io::Write;
+use std::io::{ErrorKind, Write};
 use std::path::Path;
 use std::time::{Duration, Instant, SystemTime};
 
@@ -129,8 +129,15 @@ const OLD_PLATES_H: u64 = 12;
 /// hours a model has their age as a reason.
 pub fn plates(recordings: &Path, limit_h: f64) -> Finding {
     let subject = "backgrounds";
-    let files = std::fs::read_dir(recordings.join("plates"));
-    let files = files.into_iter().flatten().flatten();
+    let folder = recordings.join("plates");
+    let files = match std::fs::read_dir(&folder) {
+        Err(cause) if cause.kind() != ErrorKind::NotFound => {
+            let found = format!("{}: {cause}", folder.display());
+            let remedy = "whether there are backgrounds cannot be seen until this folder can be read: check its owner";
+            return Finding::not_ok(State::Wrong, subject, found, remedy);
+        }
+        files => files.into_iter().flatten().flatten(),
+    };
     let plates = files.filter(|f| f.path().extension().is_some_and(|e| e == "mcap"));
     let newest = plates
         .filter_map(|f| f.metadata().ok()?.modified().ok())
@@ -201,6 +208,13 @@ mod tests {
         let at = tempfile::tempdir().unwrap();
         let plates = |at| plates(at, 24.0);
         assert_eq!(plates(at.path()).state, State::Wrong);
+        // What is there is no folder, which is not the same as nothing.
+        std::fs::write(at.path().join("plates"), "").unwrap();
+        let unread = plates(at.path());
+        assert_eq!(unread.state, State::Wrong);
+        assert!(unread.found.contains("plates: "), "{unread:?}");
+        std::fs::remove_file(at.path().join("plates")).unwrap();
+        assert_eq!(plates(at.path()).found, "no backgrounds were taken");
         std::fs::create_dir(at.path().join("plates")).unwrap();
         let file = std::fs::File::create(at.path().join("plates/a.mcap")).unwrap();
         assert_eq!(plates(at.path()).state, State::Ok);

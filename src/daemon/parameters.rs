@@ -83,7 +83,8 @@ impl RecordingParameters {
 pub struct RigParameters {
     /// Its name, which every recording carries. Default empty.
     pub name: String,
-    /// The calibration of its cameras; a relative path is beside the configuration. Needed.
+    /// The calibration of its cameras; a relative path is beside the configuration. Default empty: the rig is not
+    /// calibrated yet, and no models are made.
     pub calibration: PathBuf,
     /// The box that is reconstructed, in metres of the rig's frame. Default that of the calibration.
     pub volume: Option<BoxCorners>,

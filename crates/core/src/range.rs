@@ -116,7 +116,16 @@ pub fn optional_milliseconds<'de, D: Deserializer<'de>>(from: D) -> Result<Optio
     milliseconds(from).map(Some)
 }
 
-/// The same of what has a default.
+/// Milliseconds from 1 to an hour's: of a patience, which without any time would always be over.
+///
+/// # Errors
+/// If they are not, or no number.
+pub fn optional_patience<'de, D: Deserializer<'de>>(from: D) -> Result<Option<f64>, D::Error> {
+    let found = check(f64::deserialize(from)?, [1.0, 3.6e6], " milliseconds");
+    found.map(Some).map_err(D::Error::custom)
+}
+
+/// Milliseconds from 0 to an hour's, of what has a default.
 ///
 /// # Errors
 /// If they are not, or no number.

@@ -33,8 +33,9 @@ pub struct Parameters {
     /// Whether the camera's light is on for its captures alone, because depth cameras that see the same place disturb
     /// each other. Default false.
     pub take_turns: Option<bool>,
-    /// Without a frame for so long, in milliseconds, 0 to 3600000, the camera counts as away. Default 1000.
-    #[serde(deserialize_with = "range::optional_milliseconds")]
+    /// Without a frame for so long, in milliseconds, 1 to 3600000 and no less than the time between two frames, the
+    /// camera counts as away. Default 1000.
+    #[serde(deserialize_with = "range::optional_patience")]
     pub silence_ms: Option<f64>,
     /// Time from the beginning of an exposure to the arrival of its frame, in milliseconds, 0 to 3600000; nothing
     /// measures it. Default: the time between two frames.
@@ -82,6 +83,13 @@ impl Parameters {
                 "synchronise is true, but color is false: there is nothing to synchronise".into(),
             );
         }
+        let (period_ms, silence_ms) = (1e3 / f64::from(self.rate()), self.silence_ms());
+        if silence_ms < period_ms {
+            return Err(format!(
+                "silence_ms is {silence_ms}, expected at least {period_ms:.1}, the time between two frames: the camera \
+                 would always be away"
+            ));
+        }
         if self.repeat.is_some() && !is_file(self.device()) {
             return Err("repeat is set, but device is not an .oni file".into());
         }
@@ -125,7 +133,11 @@ impl Parameters {
 
     /// How long a camera may be silent.
     pub fn silence(&self) -> std::time::Duration {
-        std::time::Duration::from_secs_f64(self.silence_ms.unwrap_or(1000.0) / 1e3)
+        std::time::Duration::from_secs_f64(self.silence_ms() / 1e3)
+    }
+
+    fn silence_ms(&self) -> f64 {
+        self.silence_ms.unwrap_or(1000.0)
     }
 
     /// From the beginning of an exposure to its frame's arrival, in nanoseconds.
@@ -167,6 +179,11 @@ mod tests {
             ("size = [0, 480]", "size"),
             ("size = [640, 480, 3]", "size"),
             ("silence_ms = nan", "silence_ms"),
+            ("silence_ms = 0.0", "expected 1 to 3600000 milliseconds"),
+            (
+                "rate = 10\nsilence_ms = 99.0",
+                "silence_ms is 99, expected at least 100.0",
+            ),
             ("latency_ms = -1.0", "latency_ms"),
             ("unit = '1cm'", "unit"),
             ("regitsration = true", "regitsration"),
@@ -177,5 +194,6 @@ mod tests {
             assert!(message.contains(named), "{text}: {message}");
         }
         assert!(read("device = '/data/cup.oni'\nrepeat = false").is_ok());
+        assert!(read("rate = 1\nsilence_ms = 1000.0").is_ok());
     }
 }

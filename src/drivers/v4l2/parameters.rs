@@ -50,8 +50,9 @@ pub struct Parameters {
     /// Frames that the kernel has memory for, 4 to 32. Default 6.
     #[serde(deserialize_with = "range::optional_count::<_, 4, 32>")]
     pub buffers: Option<u32>,
-    /// Without a frame for so long, in milliseconds, 0 to 3600000, a free-running camera counts as away. Default 2000.
-    #[serde(deserialize_with = "range::optional_milliseconds")]
+    /// Without a frame for so long, in milliseconds, 1 to 3600000 and no less than the time between two frames where
+    /// `rate` says that, a free-running camera counts as away. Default 2000.
+    #[serde(deserialize_with = "range::optional_patience")]
     pub silence_ms: Option<f64>,
 }
 
@@ -104,6 +105,7 @@ impl Parameters {
         if self.size.is_none() {
             return Err("size is missing, expected width and height in pixels".into());
         }
+        self.fits_rate()?;
         let both = |value: bool, auto: Option<bool>| value && auto == Some(true);
         for (contradicts, fields) in [
             (
@@ -126,6 +128,17 @@ impl Parameters {
         Ok(())
     }
 
+    fn fits_rate(&self) -> Result<(), String> {
+        let (period_ms, silence_ms) = (self.rate.map_or(0.0, |rate| 1e3 / rate), self.silence_ms());
+        if self.trigger() == TriggerMode::FreeRun && silence_ms < period_ms {
+            return Err(format!(
+                "silence_ms is {silence_ms}, expected at least {period_ms:.1}, the time between two frames at this rate: \
+                 the camera would always be away"
+            ));
+        }
+        Ok(())
+    }
+
     /// Its path.
     pub fn device(&self) -> &str {
         self.device.as_deref().unwrap_or_default()
@@ -143,7 +156,11 @@ impl Parameters {
 
     /// How long a free-running camera may be silent.
     pub fn silence(&self) -> std::time::Duration {
-        std::time::Duration::from_secs_f64(self.silence_ms.unwrap_or(2000.0) / 1e3)
+        std::time::Duration::from_secs_f64(self.silence_ms() / 1e3)
+    }
+
+    fn silence_ms(&self) -> f64 {
+        self.silence_ms.unwrap_or(2000.0)
     }
 }
 
@@ -184,6 +201,14 @@ mod tests {
             (&format!("{PLAIN}exposure = nan"), "exposure"),
             (&format!("{PLAIN}rate = -30.0"), "rate"),
             (&format!("{PLAIN}buffers = 3"), "buffers"),
+            (
+                &format!("{PLAIN}silence_ms = 0.0"),
+                "expected 1 to 3600000 milliseconds",
+            ),
+            (
+                &format!("{PLAIN}rate = 0.1"),
+                "silence_ms is 2000, expected at least 10000.0",
+            ),
             (&format!("{PLAIN}pixel_format = 'yuv'"), "pixel_format"),
             (&format!("{PLAIN}gian = 3"), "gian"),
         ] {
