@@ -92,6 +92,7 @@ impl OpenCamera {
         let parameters = driver.parameters.clone();
         let found = find(&parameters)?;
         let (device, camera) = take_control(&found)?;
+        // By itself the library keeps the size that the camera has, and looks for another if that does not get through.
         if parameters.packet_size.is_some() {
             device.set_packet_size_adjustment(aravis::GvPacketSizeAdjustment::Never);
         }

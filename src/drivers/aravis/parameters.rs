@@ -41,7 +41,8 @@ pub struct Parameters {
     pub auto_white_balance: Option<bool>,
     /// How its colours are encoded, which it cannot tell; default `linear`, what sensors give without a gamma.
     pub transfer: Option<Transfer>,
-    /// Size of its packets in bytes, with their IP header, 220 to 16404; default: the largest that gets through.
+    /// Size of its packets in bytes, with their IP header, 220 to 16404; default: the size that the camera has, or the
+    /// largest that gets through if that one does not.
     #[serde(deserialize_with = "range::optional_count::<_, 220, 16_404>")]
     pub packet_size: Option<u32>,
     /// Pause between two of its packets in nanoseconds.
