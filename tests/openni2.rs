@@ -428,6 +428,30 @@ fn an_unplugged_camera_is_named_and_comes_back() {
 }
 
 #[test]
+fn what_was_heard_of_a_camera_stays_when_another_asks_for_it() {
+    staged(
+        "what_was_heard_of_a_camera_stays_when_another_asks_for_it",
+        1,
+        60,
+        |stand| {
+            let mut device = stand.open(60, "device = 'd0'").unwrap();
+            stand.tell("d0 gone");
+            let mut is_unplugged = || {
+                let idle = device.idle();
+                idle.is_err_and(|fault| fault.to_string().contains("unplugged"))
+            };
+            assert!((0..20).any(|_| is_unplugged()));
+            let taken = stand
+                .open(60, "device = 'scand-sensor://d0'")
+                .err()
+                .unwrap();
+            assert!(taken.to_string().contains("another camera"), "{taken}");
+            assert!(is_unplugged());
+        },
+    );
+}
+
+#[test]
 fn sensors_are_told_apart_and_take_turns() {
     staged("sensors_are_told_apart_and_take_turns", 2, 60, |stand| {
         let mut second = stand

@@ -40,10 +40,22 @@ pub(super) fn check_unique_v4l2(cameras: &Cameras<v4l2::Parameters>) -> Result<(
 }
 
 /// # Errors
-/// If two cameras have one device, or two take any.
+/// If two cameras have one device, or one takes any where there is another.
 pub(super) fn check_unique_openni2(cameras: &Cameras<openni2::Parameters>) -> Result<(), String> {
-    check_unique("openni2", "device", cameras, |p| Some(p.device()))
-        .map_err(|words| format!("{words}, expected a serial number, a URI or a file of its own"))
+    let own =
+        |words: String| format!("{words}, expected a serial number, a URI or a file of its own");
+    check_unique("openni2", "device", cameras, |p| Some(p.device())).map_err(own)?;
+    // The first device that is free may be the other camera's. A file is nobody else's.
+    let live = || cameras.iter().filter(|(_, p)| !p.is_file());
+    let any = live().find(|(_, p)| p.device() == "any");
+    let other = live().find(|(_, p)| p.device() != "any");
+    match (any, other) {
+        (Some((id, _)), Some((other, theirs))) => Err(own(format!(
+            "openni2.cameras.{id}: device \"any\" may take {:?}, which is that of {other}",
+            theirs.device()
+        ))),
+        _ => Ok(()),
+    }
 }
 
 fn check_unique<'a, P, V: Ord + Debug>(
@@ -132,15 +144,22 @@ mod tests {
     }
 
     #[test]
-    fn depth_cameras_are_told_apart_by_their_devices_and_one_may_be_any() {
-        assert_eq!(
-            check_unique_openni2(&cameras("a = { device = '1d27/0601@3/7' }\nb = {}")),
-            Ok(())
-        );
+    fn depth_cameras_are_told_apart_by_their_devices_and_one_alone_may_be_any() {
+        for sound in [
+            "a = {}",
+            "a = { device = '1d27/0601@3/7' }\nb = { device = 'x1' }",
+            "a = { device = '/data/cup.oni' }\nb = {}",
+        ] {
+            assert_eq!(check_unique_openni2(&cameras(sound)), Ok(()), "{sound}");
+        }
         for (text, named) in [
             (
                 "a = {}\nb = { device = 'any' }",
                 "device \"any\" is already used by a",
+            ),
+            (
+                "a = { device = 'x1' }\nb = {}",
+                "device \"any\" may take \"x1\", which is that of a, expected",
             ),
             (
                 "a = { device = 'x1' }\nb = { device = 'x1' }",

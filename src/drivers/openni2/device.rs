@@ -5,6 +5,7 @@
 use super::ffi;
 use super::library::{LIBRARY, Library, OPEN, OpenNiError, checked, field, model};
 use super::property::{Calls, Properties};
+use std::collections::btree_map::Entry;
 use std::ffi::{CString, c_char, c_int};
 
 /// Whether a camera of this process has it.
@@ -32,8 +33,14 @@ impl Device {
         };
         let name = CString::new(uri).map_err(|_| refused("its name has a zero byte"))?;
         let _held = LIBRARY.lock();
-        if OPEN.lock().insert(uri.to_owned(), None).is_some() {
-            return Err(refused("another camera of the configuration uses it"));
+        // What was heard of a device that another camera has stays there.
+        match OPEN.lock().entry(uri.to_owned()) {
+            Entry::Occupied(_) => {
+                return Err(refused("another camera of the configuration uses it"));
+            }
+            Entry::Vacant(free) => {
+                free.insert(None);
+            }
         }
         let mut handle = std::ptr::null_mut();
         // SAFETY: the name ends in zero; the handle is written to.

@@ -8,8 +8,8 @@ use crate::range;
 #[serde(deny_unknown_fields, default)]
 pub struct Parameters {
     /// Which: its serial number, its URI as OpenNI lists it, the path of an `.oni` file, or `any` for the first that
-    /// no other camera of the rig has. A URI names a USB port's address, which changes when the camera is plugged in
-    /// again. Default `any`.
+    /// OpenNI lists, if no other depth camera is configured but files. A URI names a USB port's address, which changes
+    /// when the camera is plugged in again. Default `any`.
     pub device: Option<String>,
     /// Width and height of depth and colour, in pixels, 1 to 16384 each. Default 640 by 480.
     #[serde(deserialize_with = "range::optional_size")]
@@ -90,7 +90,7 @@ impl Parameters {
                  would always be away"
             ));
         }
-        if self.repeat.is_some() && !is_file(self.device()) {
+        if self.repeat.is_some() && !self.is_file() {
             return Err("repeat is set, but device is not an .oni file".into());
         }
         Ok(())
@@ -99,6 +99,11 @@ impl Parameters {
     /// Which camera.
     pub fn device(&self) -> &str {
         self.device.as_deref().unwrap_or("any")
+    }
+
+    /// Whether a file stands for the camera.
+    pub fn is_file(&self) -> bool {
+        is_file(self.device())
     }
 
     /// Width and height, in pixels.
