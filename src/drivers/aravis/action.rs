@@ -6,10 +6,12 @@ use parking_lot::Mutex;
 use std::io;
 use std::net::SocketAddrV4;
 use std::sync::Arc;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 const ACTION: u16 = 0x0100;
 const SCHEDULED: u8 = 0x80;
+/// The status of a command whose time has passed.
+const TOO_LATE: u16 = 0x8016;
 
 /// What makes cameras expose.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -61,20 +63,40 @@ impl ActionCommand {
     }
 }
 
-/// Sends an action command to one camera and waits for its acknowledgement.
+/// How long one attempt waits for its acknowledgement, if the action is `lead` ahead: so short that the attempts after
+/// it come before the action, and long enough for a camera to answer.
+pub fn attempt_patience(lead: Duration) -> Duration {
+    (lead / 4).clamp(Duration::from_millis(2), Duration::from_millis(50))
+}
+
+/// Sends an action command to one camera and waits for its acknowledgement, three times for `patience` at most. Where
+/// one may have been lost, the camera may obey all the same: returns why that is not known.
 ///
 /// # Errors
-/// In words, if none comes or the camera declines.
-pub fn send_action(to: SocketAddrV4, command: &ActionCommand, request: u16) -> Result<(), String> {
-    let answer = gvcp::ask(to, &command.message(request), Duration::from_millis(50));
-    match answer {
-        Ok(Acknowledgement { status: 0, .. }) => Ok(()),
-        Ok(answer) => Err(format!(
-            "it declined the action command with {}",
-            gvcp::status_words(answer.status)
-        )),
+/// In words, if the camera declines.
+pub fn send_action(
+    to: SocketAddrV4,
+    command: &ActionCommand,
+    request: u16,
+    patience: Duration,
+) -> Result<Option<String>, String> {
+    let begin = Instant::now();
+    match gvcp::ask(to, &command.message(request), patience) {
+        Ok(Acknowledgement { status: 0, .. }) => Ok(None),
+        Ok(answer) => {
+            let words = format!(
+                "it declined the action command with {}",
+                gvcp::status_words(answer.status)
+            );
+            // Late is then the repetition, and not the command that went before it.
+            let was_repeated = begin.elapsed() >= patience;
+            match answer.status == TOO_LATE && was_repeated {
+                true => Ok(Some(words)),
+                false => Err(words),
+            }
+        }
         Err(e) if e.kind() == io::ErrorKind::TimedOut => {
-            Err("it did not acknowledge the action command".into())
+            Ok(Some("it did not acknowledge the action command".into()))
         }
         Err(e) => Err(format!("the action command could not be sent: {e}")),
     }
@@ -165,25 +187,45 @@ mod tests {
         (address, thread)
     }
 
+    const PATIENCE: Duration = Duration::from_millis(50);
+
     #[test]
     fn a_command_is_sent_again_until_it_is_acknowledged() {
         let (address, thread) = peer(2, 0);
-        assert_eq!(send_action(address, &COMMAND, 3), Ok(()));
+        assert_eq!(send_action(address, &COMMAND, 3, PATIENCE), Ok(None));
         assert_eq!(thread.join().unwrap(), [COMMAND; 3]);
     }
 
     #[test]
+    fn attempts_come_before_the_action() {
+        for (lead_ms, expected_ms) in [(20, 5), (100, 25), (1000, 50), (1, 2)] {
+            let patience = attempt_patience(Duration::from_millis(lead_ms));
+            assert_eq!(patience, Duration::from_millis(expected_ms));
+        }
+    }
+
+    #[test]
     fn what_the_camera_answers_is_told() {
-        let (address, thread) = peer(0, 0x8016);
-        let why = send_action(address, &COMMAND, 3).unwrap_err();
+        // A patience that a busy machine does not use up.
+        let long = Duration::from_secs(10);
+        let (address, thread) = peer(0, TOO_LATE);
+        let why = send_action(address, &COMMAND, 3, long).unwrap_err();
         assert!(why.contains("too late"), "{why}");
         thread.join().unwrap();
+    }
+
+    #[test]
+    fn a_camera_may_have_obeyed_where_an_acknowledgement_may_be_lost() {
+        let (address, thread) = peer(1, TOO_LATE);
+        let doubt = send_action(address, &COMMAND, 3, PATIENCE).unwrap();
+        assert!(doubt.unwrap().contains("too late"));
+        assert_eq!(thread.join().unwrap(), [COMMAND; 2]);
         let silent = UdpSocket::bind((Ipv4Addr::LOCALHOST, 0)).unwrap();
         let SocketAddr::V4(address) = silent.local_addr().unwrap() else {
             panic!("an IPv4 socket has an IPv4 address")
         };
-        let why = send_action(address, &COMMAND, 4).unwrap_err();
-        assert!(why.contains("did not acknowledge"), "{why}");
+        let doubt = send_action(address, &COMMAND, 4, PATIENCE).unwrap();
+        assert!(doubt.unwrap().contains("did not acknowledge"));
     }
 
     #[test]

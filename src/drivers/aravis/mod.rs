@@ -12,7 +12,7 @@ cfg_if::cfg_if! {
         mod action;
         mod gvcp;
 
-        pub use action::{ActionCommand, ActionGroup, send_action};
+        pub use action::{ActionCommand, ActionGroup, attempt_patience, send_action};
         pub use gvcp::{Acknowledgement, Identity, Message, identify};
     }
 }

@@ -2,7 +2,7 @@
 //! which frames belong to the shot, and which are old, damaged or wrongly stamped. `camera` opens and closes the
 //! camera.
 
-use super::action::{ActionCommand, send_action};
+use super::action::{ActionCommand, attempt_patience, send_action};
 use super::camera::OpenCamera;
 use super::features::no_answer;
 use super::gvcp;
@@ -218,7 +218,7 @@ impl OpenCamera {
         take: &mut dyn FnMut(Frame),
     ) -> Result<(), Fault> {
         self.drain(stats);
-        let scheduled = match self.schedule(shot) {
+        let (scheduled, doubt) = match self.schedule(shot) {
             Ok(scheduled) => scheduled,
             Err(why) => {
                 stats.lost.push(why);
@@ -226,16 +226,19 @@ impl OpenCamera {
             }
         };
         let came = self.await_triggered(shot, (scheduled, Some(scheduled)), stats, take)?;
+        if !came {
+            stats.lost.extend(doubt);
+        }
         self.miss(came, shot, stats)
     }
 
-    /// Tells the camera when to expose; the host's time of that.
-    fn schedule(&mut self, shot: &Shot) -> Result<Timestamp, String> {
+    /// Tells the camera when to expose; the host's time of that, and why the camera may not do so, if that is in doubt.
+    fn schedule(&mut self, shot: &Shot) -> Result<(Timestamp, Option<String>), String> {
         if let Some(precision_time) = &self.precision_time {
             precision_time.state(&self.camera)?;
         }
-        let lead = (self.parameters.action_lead.unwrap_or(0.02) * 1e9) as u64;
-        let proposed = Timestamp(self.clock.timestamp().0 + lead);
+        let lead_ns = (self.parameters.action_lead.unwrap_or(0.02) * 1e9) as u64;
+        let proposed = Timestamp(self.clock.timestamp().0 + lead_ns);
         let proposed = self.camera_clock.device_time(proposed);
         let proposed =
             proposed.ok_or("its clock cannot be read, so that nothing can be scheduled")?;
@@ -248,13 +251,15 @@ impl OpenCamera {
         };
         // 0 is no request.
         let request = (shot.number % 0xffff) as u16 + 1;
-        send_action(
+        let doubt = send_action(
             SocketAddrV4::new(self.found.address, gvcp::PORT),
             &command,
             request,
+            attempt_patience(Duration::from_nanos(lead_ns)),
         )?;
         let host = self.camera_clock.host_of(at_ns);
-        host.ok_or_else(|| "its clock was never read".into())
+        let host = host.ok_or("its clock was never read")?;
+        Ok((host, doubt))
     }
 
     /// A line started the exposure, perhaps before the daemon heard of the trigger.
