@@ -169,7 +169,7 @@ fn what_is_wrong_is_named() {
         ),
         ("recording.pack_after_idle_s=86401", "expected 0 to 86400"),
         ("silhouette.significance=-4", "-4, expected 0.001 to 1000"),
-        ("silhouette.cell_px=65", "65, expected 0 to 64"),
+        ("silhouette.cell_px=17", "17, expected 0 to 16"),
         ("hull.resolution=0", "0, expected 8 to 1000"),
         ("hull.resolution=100000", "100000, expected 8 to 1000"),
         ("hull.smallest_piece=2", "2, expected 0 to 1"),

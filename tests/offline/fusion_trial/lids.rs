@@ -19,7 +19,10 @@ fn a_mouth_that_no_depth_camera_read_is_a_lid_whichever_capture_gives_the_frame(
         // The mouth, which lay on the table of one capture, is a tenth of the surface of the filled mug.
         assert!(figure(&unobserved["lids"]) > 0.1, "{words}: {unobserved}");
         // Half a litre fits under it.
-        assert!(figure(&unobserved["under_lids"]) > 3e-4, "{words}: {unobserved}");
+        assert!(
+            figure(&unobserved["under_lids"]) > 3e-4,
+            "{words}: {unobserved}"
+        );
         let stated_mm = 1e3 * figure(&model["mean_expected_error"]);
         assert!(stated_mm > 0.5, "{words}: {stated_mm} mm");
     }

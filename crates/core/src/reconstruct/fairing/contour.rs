@@ -100,12 +100,17 @@ impl<'a> Contour<'a> {
 
     /// The same, saturated at [`BAND_PX`]; `None` outside the part of the picture that is known.
     fn sample(&self, pixel: Point2<f64>) -> Option<f64> {
-        let (x, y) = (pixel.x - self.part.x0 as f64, pixel.y - self.part.y0 as f64);
-        let (width, height) = (self.distance.width() as f64, self.distance.height() as f64);
-        if !(x >= 0.0 && y >= 0.0 && x + 1.0 < width && y + 1.0 < height) {
-            return None;
-        }
-        let (x0, y0) = (x as usize, y as usize);
+        let last_x = self.distance.width().checked_sub(2)? + 1;
+        let last_y = self.distance.height().checked_sub(2)? + 1;
+        // Half of an outermost pixel lies beyond its middle.
+        let on_middles = |c: f64, last: usize| {
+            let is_within = (-0.5..last as f64 + 0.5).contains(&c);
+            is_within.then(|| c.clamp(0.0, last as f64))
+        };
+        let x = on_middles(pixel.x - self.part.x0 as f64, last_x)?;
+        let y = on_middles(pixel.y - self.part.y0 as f64, last_y)?;
+        let x0 = (x as usize).min(last_x - 1);
+        let y0 = (y as usize).min(last_y - 1);
         let (fx, fy) = (x - x0 as f64, y - y0 as f64);
         let (top, bottom) = (self.distance.row(y0), self.distance.row(y0 + 1));
         let mix = |row: &[f32]| f64::from(row[x0]) * (1.0 - fx) + f64::from(row[x0 + 1]) * fx;

@@ -203,7 +203,7 @@ pub enum Refusal {
         after: Vec<i64>,
     },
     /// The faired surface has a border: it leaves the lattice of the hull, as it may over the mouth of a bowl.
-    #[error("the faired surface bulges out of the volume that bounds the object")]
+    #[error("the faired surface bulges out of the box around the hull")]
     Open,
 }
 

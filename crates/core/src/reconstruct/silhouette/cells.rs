@@ -35,7 +35,7 @@ impl Cells {
             0 if long_side >= 700 => 4,
             0 if long_side >= 160 => 2,
             0 => 1,
-            given => given.min(16),
+            given => given,
         };
         // The margin shows the backdrop, from which exposure and noise are learnt.
         let margin = (long_side / 12).max(4 * size + 4);

@@ -35,8 +35,8 @@ use region::Region;
 pub struct Parameters {
     /// Side of the cells that are segmented before the contour is located, in pixels; 0 chooses 1, 2 or 4
     /// from the size of the object's region.
-    /// Default 0, range 0 to 64.
-    #[serde(deserialize_with = "crate::range::count::<_, usize, 0, 64>")]
+    /// Default 0, range 0 to 16.
+    #[serde(deserialize_with = "crate::range::count::<_, usize, 0, 16>")]
     pub cell_px: usize,
     /// How many standard deviations of noise a cell must differ from the background to count as object.
     /// Default 4, range 0.001 to 1000.

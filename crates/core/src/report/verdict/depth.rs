@@ -83,7 +83,9 @@ fn without_depth(blind: &[&DepthMeasures], all: bool) -> Reason {
     };
     let words = match is_one {
         true => format!("depth camera {names} has hardly any reading of the object: {consequence}"),
-        false => format!("depth cameras {names} have hardly any reading of the object: {consequence}"),
+        false => {
+            format!("depth cameras {names} have hardly any reading of the object: {consequence}")
+        }
     };
     Reason {
         level: Level::Amber,

@@ -165,7 +165,7 @@ pub fn judge(measured: &Measurements, capture: &CaptureFacts, parameters: &Param
 }
 
 impl Limits {
-    /// The level of a value; `None` if it gives no reason. A value that is not a number is red.
+    /// The level of a value; `None` if it gives no reason. A value that is not a number is beyond all limits.
     fn level(&self, value: f64) -> Option<Level> {
         let within = |limit: f64| value <= limit;
         match self.red {

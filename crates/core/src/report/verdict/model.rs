@@ -117,8 +117,10 @@ fn unproved(model: &ModelMeasures) -> Option<Reason> {
     })
 }
 
-/// Pieces that may be phantoms. This is only a note, because a model in several pieces, or one that frames cut, is
-/// amber anyway.
+/// Share of the model's volume that pieces which no silhouette requires may have in a good model.
+const MOST_UNREQUIRED: f64 = 0.005;
+
+/// Pieces that may be phantoms: a note while they are small.
 fn unrequired(model: &ModelMeasures) -> Option<Reason> {
     let pieces = &model.unrequired_pieces;
     let [low, high] = pieces.first()?.bounds;
@@ -134,7 +136,11 @@ fn unrequired(model: &ModelMeasures) -> Option<Reason> {
         middle[1],
         middle[2]
     );
-    Some(reason(Level::Green, ReasonCode::PieceUnrequired, words))
+    let level = match volume > MOST_UNREQUIRED * model.mesh.volume {
+        true => Level::Amber,
+        false => Level::Green,
+    };
+    Some(reason(level, ReasonCode::PieceUnrequired, words))
 }
 
 fn handles(model: &ModelMeasures, parameters: &Parameters) -> Option<Reason> {
