@@ -530,6 +530,14 @@ mod long {
         let (told, found) = response(&["--depth-table", &table], 0);
         assert_eq!(told["depth"]["table"]["method"], "paper", "{told:#}");
         assert!((found.unwrap().slope - 1e-3).abs() < 1e-5);
+        // The boards contradict one whose distances were measured from 40 mm before the lens.
+        std::fs::write(&table, "0.74 702\n1.04 1001\n1.34 1299\n").unwrap();
+        let (told, found) = response(&["--depth-table", &table], 0);
+        assert_eq!(told["verdict"]["level"], "doubtful", "{told:#}");
+        let reasons = told["verdict"]["reasons"].to_string();
+        assert!(reasons.contains("kinect: a bias of"), "{reasons}");
+        let stated = found.unwrap().uncertainty;
+        assert!((stated - 0.04).abs() < 0.005, "{stated}");
         // One that no sensor's readings make ends the run before anything is looked for.
         std::fs::write(&table, "0.7 1.00007\n1.0 1.0001\n1.3 1.00013\n").unwrap();
         let (code, _, errors) = calibrate(&[&session, "--depth-table", &table]);

@@ -37,7 +37,7 @@ impl DepthArgs {
     /// If it cannot be used.
     pub(super) fn method(&self, plane: PlaneParameters) -> anyhow::Result<DepthMethod> {
         match (self.depth_response, &self.depth_table) {
-            (Method::Paper, Some(path)) => Ok(DepthMethod::Table(Table::load(path)?.into())),
+            (Method::Paper, Some(path)) => Ok(DepthMethod::Table(Table::load(path)?.into(), plane)),
             (_, Some(path)) => anyhow::bail!(
                 "--depth-table {}: only --depth-response paper takes a table",
                 path.display()

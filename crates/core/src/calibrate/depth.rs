@@ -6,8 +6,8 @@ use crate::calibration::fit::{
     DepthError, DepthMisfit, Fit, FittedCamera, LeftOutShare, ReasonKind, Slope,
 };
 use crate::calibration::response::{
-    Cause, DepthTable, Misfit, PaperFit, PlaneFit, PlaneParameters, PlaneView, ReadingChange,
-    fit_plane, mean_readings,
+    BoardsBias, Cause, DepthTable, DistanceBias, Misfit, PaperFit, PlaneFit, PlaneParameters,
+    PlaneView, ReadingChange, bias_on_boards, fit_plane, mean_readings,
 };
 use crate::calibration::{Board, DepthResponse};
 use crate::capture::Placements;
@@ -22,8 +22,8 @@ use std::path::Path;
 pub enum DepthMethod {
     /// The planes of the boards that they saw.
     Plane(PlaneParameters),
-    /// A table of measurements, as in the paper.
-    Table(Box<Table>),
+    /// A table of measurements, as in the paper, that is held against the boards that they saw.
+    Table(Box<Table>, PlaneParameters),
     /// Nowhere.
     None,
 }
@@ -59,6 +59,8 @@ pub struct Depth {
     pub planes: BTreeMap<CameraId, PlaneFit>,
     /// What the table says, for all cameras.
     pub table: Option<Table>,
+    /// What each camera's boards say of the table.
+    pub of_table: BTreeMap<CameraId, DepthError>,
     /// Cameras without a response, and why.
     pub unfitted: BTreeMap<CameraId, String>,
     /// What a person should know.
@@ -75,17 +77,20 @@ pub(super) fn fit_responses(
     depth_cameras: &[CameraId],
 ) -> Depth {
     let mut depth = Depth::default();
+    let cameras = fit.cameras.iter();
+    let fitted = cameras.filter(|c| depth_cameras.contains(&c.camera.id));
     match method {
         DepthMethod::Plane(parameters) => {
-            let fitted = fit
-                .cameras
-                .iter()
-                .filter(|c| depth_cameras.contains(&c.camera.id));
             for camera in fitted {
                 depth.add_planes(recordings, fit, camera, &parameters);
             }
         }
-        DepthMethod::Table(table) => depth.table = Some(*table),
+        DepthMethod::Table(table, parameters) => {
+            for camera in fitted {
+                depth.hold_table_against_boards(recordings, fit, camera, &table, &parameters);
+            }
+            depth.table = Some(*table);
+        }
         DepthMethod::None => {}
     }
     depth
@@ -95,7 +100,15 @@ impl Depth {
     /// The response of a camera; `None` where nothing was found.
     pub(super) fn response(&self, id: &CameraId) -> Option<DepthResponse> {
         let plane = self.planes.get(id).map(|fit| fit.response);
-        plane.or_else(|| self.table.as_ref().map(|table| table.response))
+        plane.or_else(|| {
+            let response = self.table.as_ref()?.response;
+            let of_boards = self.of_table.get(id).map(|error| error.at_most);
+            let uncertainty = of_boards.unwrap_or(response.uncertainty);
+            Some(DepthResponse {
+                uncertainty: uncertainty.min(MOST_UNCERTAINTY),
+                ..response
+            })
+        })
     }
 
     /// The slopes that the boards determine.
@@ -113,7 +126,7 @@ impl Depth {
     /// The figures that the verdict judges.
     pub(super) fn found(&self) -> BTreeMap<CameraId, Result<DepthError, String>> {
         let error = |fit: &PlaneFit| DepthError {
-            seen: fit.bias.iter().map(|b| b.bias.abs()).fold(0.0, f64::max),
+            seen: largest(&fit.bias),
             at_most: fit.response.uncertainty,
             misfit: fit.misfit.as_ref().map(misfit),
             boards: LeftOutShare {
@@ -124,8 +137,10 @@ impl Depth {
         };
         let fitted = self.planes.iter();
         let fitted = fitted.map(|(id, fit)| (id, Ok(error(fit))));
+        let of_table = self.of_table.iter();
+        let of_table = of_table.map(|(id, error)| (id, Ok(error.clone())));
         let unfitted = self.unfitted.iter().map(|(id, why)| (id, Err(why.clone())));
-        let all = fitted.chain(unfitted);
+        let all = fitted.chain(of_table).chain(unfitted);
         all.map(|(id, found)| (id.clone(), found)).collect()
     }
 
@@ -137,13 +152,7 @@ impl Depth {
         parameters: &PlaneParameters,
     ) {
         let id = &camera.camera.id;
-        let camera_from_front = |name: &str| {
-            let placement = fit.placements.iter().find(|p| p.name == name)?;
-            Some(camera.camera.rig_from_camera.inverse() * placement.rig_from_board)
-        };
-        let back = fit.front_from_back;
-        let lost = &mut self.lost;
-        let views = views(recordings, id, &fit.board, back, &camera_from_front, lost);
+        let views = self.views_of(recordings, fit, camera);
         let views: Vec<PlaneView<'_>> = views.iter().map(BoardView::plane).collect();
         match fit_plane(&camera.camera.intrinsics, &fit.board, &views, parameters) {
             Ok(mut found) => {
@@ -151,11 +160,7 @@ impl Depth {
                 *own = own
                     .hypot(OF_POSE * along_axis(camera))
                     .min(MOST_UNCERTAINTY);
-                let left_out = found.unread.iter().chain(&found.left_out);
-                let words = left_out.map(|(name, why)| {
-                    format!("depth of {id}: placement {name} is left out: {why}")
-                });
-                self.words.extend(words);
+                self.say_left_out(id, found.unread.iter().chain(&found.left_out));
                 let misfit = found.misfit.iter();
                 self.words
                     .extend(misfit.map(|misfit| format!("depth of {id}: {}", misfit.words())));
@@ -165,6 +170,81 @@ impl Depth {
                 self.unfitted.insert(id.clone(), error.to_string());
             }
         }
+    }
+
+    /// A table says what a depth camera reads at distances that were measured by hand: the boards show whether these
+    /// were measured from where its lens is.
+    fn hold_table_against_boards(
+        &mut self,
+        recordings: &[Placements],
+        fit: &Fit,
+        camera: &FittedCamera,
+        table: &Table,
+        parameters: &PlaneParameters,
+    ) {
+        let id = &camera.camera.id;
+        let views = self.views_of(recordings, fit, camera);
+        let views: Vec<PlaneView<'_>> = views.iter().map(BoardView::plane).collect();
+        let (lens, response) = (&camera.camera.intrinsics, &table.response);
+        let found = bias_on_boards(lens, &fit.board, &views, response, parameters);
+        self.say_left_out(id, found.unread.iter().chain(&found.left_out));
+        let error = error_of_table(&table.fit, &found);
+        self.words.push(match found.bias.is_empty() {
+            true => format!(
+                "depth of {id}: it read no board between {:.2} and {:.2} m, so that nothing confirms the table",
+                table.fit.range[0], table.fit.range[1]
+            ),
+            false => format!(
+                "depth of {id}: its distances by the table are at most {:.2} mm off the boards",
+                1e3 * error.seen
+            ),
+        });
+        self.of_table.insert(id.clone(), error);
+    }
+
+    /// What a depth camera read of the placements that the fit uses.
+    fn views_of(
+        &mut self,
+        recordings: &[Placements],
+        fit: &Fit,
+        camera: &FittedCamera,
+    ) -> Vec<BoardView> {
+        let camera_from_front = |name: &str| {
+            let placement = fit.placements.iter().find(|p| p.name == name)?;
+            Some(camera.camera.rig_from_camera.inverse() * placement.rig_from_board)
+        };
+        let (id, back, lost) = (&camera.camera.id, fit.front_from_back, &mut self.lost);
+        views(recordings, id, &fit.board, back, &camera_from_front, lost)
+    }
+
+    fn say_left_out<'a>(
+        &mut self,
+        id: &CameraId,
+        left_out: impl Iterator<Item = &'a (String, String)>,
+    ) {
+        let words = left_out
+            .map(|(name, why)| format!("depth of {id}: placement {name} is left out: {why}"));
+        self.words.extend(words);
+    }
+}
+
+/// The largest bias at any distance, in metres.
+fn largest(bias: &[DistanceBias]) -> f64 {
+    bias.iter().map(|b| b.bias.abs()).fold(0.0, f64::max)
+}
+
+/// The error of a table's response: what the table's line leaves of it, and what the boards show.
+fn error_of_table(table: &PaperFit, found: &BoardsBias) -> DepthError {
+    let seen = largest(&found.bias);
+    DepthError {
+        seen,
+        at_most: table.largest_error.max(seen),
+        misfit: None,
+        boards: LeftOutShare {
+            read: found.read,
+            left_out: found.left_out.len(),
+        },
+        change: found.change.as_ref().map(ReadingChange::words),
     }
 }
 
@@ -260,7 +340,7 @@ fn misfit(found: &Misfit) -> DepthMisfit {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::calibration::response::Correction;
+    use crate::calibration::response::{Correction, Measurement};
 
     /// A depth camera whose readings do not fit.
     fn depth(cause: Cause) -> Depth {
@@ -289,6 +369,54 @@ mod tests {
             planes: BTreeMap::from([(CameraId::new("kinect").unwrap(), fit)]),
             ..Depth::default()
         }
+    }
+
+    #[test]
+    fn a_table_is_judged_by_what_its_line_leaves_and_by_the_boards() {
+        let rows = [(0.7, 700.0), (1.0, 1003.0), (1.3, 1300.0)];
+        let rows = rows.map(|(distance, depth)| Measurement {
+            distance,
+            depth,
+            width: f64::NAN,
+        });
+        let fit = PaperFit::of(&DepthTable { rows: rows.into() }).unwrap();
+        let response = fit.response().unwrap();
+        let of_line = fit.largest_error;
+        assert!((0.001..0.003).contains(&of_line), "{of_line}");
+        let judged = |bias: &[f64]| {
+            let bias = bias.iter().map(|&bias| DistanceBias {
+                distance: 1.0,
+                views: 1,
+                pixels: 1000,
+                bias,
+                bias_before: bias,
+                spread: 0.001,
+            });
+            let boards = BoardsBias {
+                bias: bias.collect(),
+                read: 3,
+                unread: Vec::new(),
+                left_out: Vec::new(),
+                change: None,
+            };
+            let id = CameraId::new("kinect").unwrap();
+            let error = error_of_table(&fit, &boards);
+            let depth = Depth {
+                table: Some(Table {
+                    fit: fit.clone(),
+                    response,
+                }),
+                of_table: BTreeMap::from([(id.clone(), error)]),
+                ..Depth::default()
+            };
+            let found = depth.found()[&id].clone().unwrap();
+            let stated = depth.response(&id).unwrap().uncertainty;
+            assert_eq!(stated, found.at_most);
+            [found.seen, found.at_most]
+        };
+        assert_eq!(judged(&[0.001, -0.04]), [0.04, 0.04]);
+        assert_eq!(judged(&[0.0005]), [0.0005, of_line]);
+        assert_eq!(judged(&[]), [0.0, of_line]);
     }
 
     #[test]

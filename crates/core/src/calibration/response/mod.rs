@@ -1,6 +1,7 @@
 //! Fits how a depth camera's readings relate to distances: from a table of measurements, as in the paper, or from
 //! boards whose planes are known from its colour picture. Pure functions; nothing here reads a recording.
 
+mod against_boards;
 mod bias;
 mod check;
 mod consistent;
@@ -17,6 +18,7 @@ mod samples;
 mod solve;
 mod table;
 
+pub use against_boards::{BoardsBias, bias_on_boards};
 pub use bias::{DistanceBias, ViewBias};
 pub use check::{DepthCheck, DepthDeviation, DepthTolerance, TooFewBoards, check_depth};
 pub use correction::Correction;

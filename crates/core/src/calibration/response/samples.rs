@@ -22,6 +22,7 @@ pub(super) struct Sample {
 }
 
 /// A view's pixels and its plane: n·X = offset.
+#[derive(Clone)]
 pub(super) struct Plane<'a> {
     pub placement: &'a str,
     pub normal: Vector3<f64>,

@@ -492,3 +492,54 @@ fn depth_is_said_to_be_displaced_only_where_nothing_else_would_explain_it() {
     };
     assert_eq!(bowl(0.06, &known).misfit, None);
 }
+
+#[test]
+fn a_response_that_the_boards_contradict_is_told_with_its_bias() {
+    let poses = poses(9);
+    let truth = DepthResponse {
+        range: Some([0.7, 1.3]),
+        ..DepthResponse::default()
+    };
+    let found = |response: DepthResponse, moved: f64, count: usize| {
+        let readings = poses[..count].iter().enumerate().map(|(k, pose)| {
+            let by = if k == 4 { moved } else { 0.0 };
+            let pose = Translation3::new(0.0, 0.0, by) * pose;
+            mean_readings(&[readings(&pose, &truth, no_pattern)]).unwrap()
+        });
+        let readings: Vec<Grid<f32>> = readings.collect();
+        let views = poses
+            .iter()
+            .zip(&readings)
+            .map(|(pose, readings)| PlaneView {
+                placement: "p",
+                camera_from_face: *pose,
+                readings,
+            });
+        let views: Vec<PlaneView<'_>> = views.collect();
+        let plane = PlaneParameters::default();
+        bias_on_boards(&lens(), &board(), &views, &response, &plane)
+    };
+    let worst = |found: &BoardsBias| found.bias.iter().map(|b| b.bias.abs()).fold(0.0, f64::max);
+    // Distances that were measured from 40 mm before the optical centre, as a table may have them.
+    let taped = DepthResponse {
+        intercept: -0.04,
+        ..truth
+    };
+    for count in [1, 9] {
+        let right = found(truth, 0.0, count);
+        assert!(worst(&right) < 5e-4 && right.read == count, "{right:?}");
+        let wrong = found(taped, 0.0, count);
+        assert!((worst(&wrong) - 0.04).abs() < 5e-4, "{wrong:?}");
+    }
+    // A board that moved says nothing of the response.
+    let moved = found(truth, 0.012, 9);
+    assert!(
+        worst(&moved) < 2e-3 && moved.left_out.len() == 1,
+        "{moved:?}"
+    );
+    let near = DepthResponse {
+        range: Some([0.3, 0.4]),
+        ..truth
+    };
+    assert_eq!(found(near, 0.0, 9).bias, []);
+}
