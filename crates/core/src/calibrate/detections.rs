@@ -173,14 +173,22 @@ fn size_words(detection: &Detection, expected: [usize; 2]) -> String {
     )
 }
 
-/// A camera as the fit takes it, whose pictures are as large as most of them are.
+/// A camera as the fit takes it, whose pictures are as large as most of them are. A camera of which no picture can be
+/// read has no view, and so no use for a lens: these pictures are lost, but no others.
 fn subject(
     id: &CameraId,
     found: &[Detection],
     lenses: [Option<&RigCalibration>; 2],
 ) -> Result<SessionCamera, Error> {
     let own = found.iter().filter(|l| l.shot.camera == *id);
-    let size = usual(own.map(|l| l.size)).unwrap_or([1, 1]);
+    let Some(size) = usual(own.map(|l| l.size)) else {
+        return Ok(SessionCamera {
+            id: id.clone(),
+            size: [1, 1],
+            known: None,
+            start: None,
+        });
+    };
     let [known, start] = lenses.map(|lenses| lens_of(lenses?, id, size).transpose());
     Ok(SessionCamera {
         id: id.clone(),
@@ -524,6 +532,37 @@ mod tests {
         assert_eq!(found.warnings.len(), 1);
         let words = "camera left: 3 of its 3 pictures are marked to be shown turned or mirrored (EXIF orientation 8";
         assert!(found.warnings[0].starts_with(words), "{:?}", found.warnings);
+    }
+
+    #[test]
+    fn a_camera_whose_picture_cannot_be_read_is_lost_alone() {
+        let folder = tempfile::tempdir().unwrap();
+        let file = |name: &str, bytes: &[u8]| {
+            let path = folder.path().join(name);
+            std::fs::write(&path, bytes).unwrap();
+            vec![path]
+        };
+        let [left, right] = pair(20, 0);
+        let files = BTreeMap::from([
+            (left.id.clone(), file("left.png", &png_file(1280, 960, 1))),
+            (right.id.clone(), file("right.png", b"no picture")),
+        ]);
+        let recordings = [open_pictures(files).unwrap()];
+        let board = Board::checkerboard(9, 6, 0.025).unwrap();
+        let known = RigCalibration {
+            cameras: [&left, &right]
+                .map(|c| (c.id.clone(), (c.clone(), None)))
+                .into(),
+            ..RigCalibration::default()
+        };
+        for lenses in [[Some(&known), None], [None, Some(&known)]] {
+            let found = detect_boards(&recordings, &board, lenses, &|| {}).unwrap();
+            assert_eq!(found.lost.len(), 1, "{:?}", found.lost);
+            assert!(found.lost[0].contains("right.png"), "{:?}", found.lost);
+            let lens = |c: &SessionCamera| c.known.or(c.start);
+            let lenses: Vec<_> = found.session.cameras.iter().map(lens).collect();
+            assert_eq!(lenses, [Some(left.intrinsics), None]);
+        }
     }
 
     /// A camera that saw the board at each of p0 to p5 but p3.
