@@ -25,7 +25,8 @@ pub struct DriftLimits {
     #[serde(deserialize_with = "range::from_a_thousandth::<_, _, 1000>")]
     pub moved_px: f64,
     /// It must also be more than this many times what noise leaves of the board in a view by itself, of which at most
-    /// `moved_px` counts.
+    /// `moved_px` counts. Of two cameras without a third one, a smaller displacement counts, if it is this many times
+    /// what noise leaves, or more than `moved_px`, and a motion clearly explains it.
     /// Default 3, range 1 to 1000.
     #[serde(deserialize_with = "range::within::<_, _, 1, 1000>")]
     pub ratio: f64,
@@ -433,11 +434,11 @@ impl Watched<'_> {
         let mut freed = bundle.clone();
         freed.cameras[pair[1]].pose_free = true;
         freed.adjust_robustly(4);
+        let left = off(&freed);
         // The board's pose takes up much of what two cameras contradict each other in.
-        let most = (watch.ratio * off(&freed))
-            .max(LEAST_OFF)
-            .min(watch.moved_px);
-        if held <= most {
+        let most = (watch.ratio * left).max(LEAST_OFF).min(watch.moved_px);
+        // What is left of noisy pictures may be more than that by itself: a motion must explain a part of it.
+        if held <= most || held <= CLEARLY * left {
             return None;
         }
         *bundle = freed;

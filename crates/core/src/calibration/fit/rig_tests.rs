@@ -71,6 +71,27 @@ fn two_cameras_that_moved_against_each_other_are_told_so() {
 }
 
 #[test]
+fn two_cameras_with_noisy_pictures_moved_only_if_a_motion_explains_what_is_left() {
+    let (limits, parameters) = (DriftLimits::default(), Parameters::default());
+    for shown in [1, 4] {
+        let known = calibration(&rig(2, shown));
+        // 0.33 px in each of two coordinates are 0.47 px.
+        let session = |truth: Truth| truth.session(0.33, &mut Random(3));
+        let still = check(&session(rig(2, shown)), &known, &limits, &parameters).unwrap();
+        let off_px = still.cameras.iter().map(|c| c.off_px).fold(0.0, f64::max);
+        assert!(off_px > limits.moved_px, "{shown}: {off_px}");
+        assert_eq!(still.against_each_other, None, "{shown}");
+        let moved = turned(rig(2, shown), 1, Vector3::new(1.0, 0.2, 0.4), 0.3);
+        let moved = check(&session(moved), &known, &limits, &parameters).unwrap();
+        let pair = moved.against_each_other.unwrap();
+        assert!(
+            (pair.motion.turn_degrees - 0.3).abs() < 0.1,
+            "{shown}: {pair:?}"
+        );
+    }
+}
+
+#[test]
 fn a_board_of_another_size_is_told_from_cameras_that_moved() {
     let truth = rig(4, 1);
     let known = calibration(&truth);
