@@ -82,6 +82,13 @@ fn misfit_words(found: &DepthCheck) -> Option<String> {
              places, and there were {found}"
         ));
     }
+    if found.is_displacement_hidden && found.misfit.is_none() {
+        return Some(
+            "; whether its depth lies on its colour picture (registration) was not checked: its boards are tilted too \
+             little, or too much alike, to show it"
+                .into(),
+        );
+    }
     if let Some([x, y]) = found.beside_px() {
         return Some(format!(
             "; its depth is displaced against its colour picture by {x:+.1} px in x and {y:+.1} px in y: register them again, \
@@ -186,6 +193,7 @@ mod tests {
             is_off,
             misfit: None,
             too_few_for_misfit: None,
+            is_displacement_hidden: false,
         }
     }
 
@@ -225,6 +233,13 @@ mod tests {
         let words = depth_words(&Ok(too_few));
         let expected =
             "(registration) was not checked: it takes boards at 5 places, and there were 1";
+        assert!(words.ends_with(expected), "{words}");
+        let hidden = DepthCheck {
+            is_displacement_hidden: true,
+            ..depth(0.001, false)
+        };
+        let words = depth_words(&Ok(hidden));
+        let expected = "(registration) was not checked: its boards are tilted too little, or too much alike, to show it";
         assert!(words.ends_with(expected), "{words}");
         let misfit = |causes| DepthCheck {
             misfit: Some(Misfit {

@@ -39,7 +39,7 @@ pub struct Check {
     pub unchecked: BTreeSet<CameraId>,
     /// Cameras of these that saw the board, but only where no other camera saw it.
     pub alone: BTreeSet<CameraId>,
-    /// Whether it counts as unchecked if too few boards show whether depth lies on its colour picture.
+    /// Whether it counts as unchecked if boards do not show whether depth lies on its colour picture.
     wants_registration: bool,
     /// What could not be read of depth.
     pub lost: Vec<String>,
@@ -61,12 +61,9 @@ impl Check {
 
     /// Whether everything that could have changed was checked.
     pub fn is_whole(&self) -> bool {
-        let is_checked = |found: &Result<DepthCheck, String>| {
-            let is_whole = |found: &DepthCheck| found.too_few_for_misfit.is_none();
-            match self.wants_registration {
-                true => found.as_ref().is_ok_and(is_whole),
-                false => found.is_ok(),
-            }
+        let is_checked = |found: &Result<DepthCheck, String>| match self.wants_registration {
+            true => found.as_ref().is_ok_and(DepthCheck::shows_registration),
+            false => found.is_ok(),
         };
         self.unchecked.is_empty() && self.lost.is_empty() && self.depths.values().all(is_checked)
     }
@@ -185,7 +182,7 @@ mod tests {
             off: 0.001,
             allowed: 0.005,
         };
-        let check = |found: usize, wants_registration: bool| {
+        let check = |found: usize, is_displacement_hidden: bool, wants_registration: bool| {
             let needed = 5;
             let depth = DepthCheck {
                 placements: vec![deviation.clone()],
@@ -193,6 +190,7 @@ mod tests {
                 is_off: false,
                 misfit: None,
                 too_few_for_misfit: (found < needed).then_some(TooFewBoards { found, needed }),
+                is_displacement_hidden,
             };
             let check = Check {
                 cameras: Vec::new(),
@@ -207,8 +205,10 @@ mod tests {
             assert_eq!(check.misread_cameras().next(), None);
             check.is_whole()
         };
-        assert!(!check(1, true));
-        assert!(check(1, false));
-        assert!(check(5, true));
+        assert!(!check(1, false, true));
+        assert!(check(1, false, false));
+        assert!(check(5, false, true));
+        assert!(!check(5, true, true));
+        assert!(check(5, true, false));
     }
 }

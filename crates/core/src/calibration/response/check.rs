@@ -30,7 +30,13 @@ pub struct DepthCheck {
     pub misfit: Option<Misfit>,
     /// Whether there were boards enough to tell that: how many it read, if there were too few.
     pub too_few_for_misfit: Option<TooFewBoards>,
+    /// Whether there were boards enough, but so little tilted, or so much alike, that they would not show depth that is
+    /// displaced against its colour picture.
+    pub is_displacement_hidden: bool,
 }
+
+/// By how many pixels depth may be displaced against its colour picture without being told.
+const DISPLACED_PX: f64 = 6.0;
 
 /// Why it was not checked whether depth lies on its colour picture.
 #[derive(serde::Serialize, Clone, Copy, Debug, PartialEq, Eq)]
@@ -65,6 +71,11 @@ impl DepthCheck {
     /// Whether the camera reads something else than its response says.
     pub fn is_other(&self) -> bool {
         self.is_off || self.misfit.is_some()
+    }
+
+    /// Whether its boards show whether the depth lies on its colour picture.
+    pub fn shows_registration(&self) -> bool {
+        self.too_few_for_misfit.is_none() && !self.is_displacement_hidden
     }
 
     /// By how many pixels in x and y the depth is displaced against its colour picture, if nothing else would explain
@@ -109,10 +120,13 @@ pub fn check_depth(
         });
     };
     let most = tolerance.misfit + response.uncertainty;
+    let too_few_for_misfit = too_few(&patches);
     Ok(DepthCheck {
         is_off: worst.times_allowed() > 1.0,
         misfit: misfit::explain(&patches).filter(|misfit| misfit.held_out > most),
-        too_few_for_misfit: too_few(&patches),
+        is_displacement_hidden: too_few_for_misfit.is_none()
+            && !misfit::would_show_displacement(&patches, DISPLACED_PX, most),
+        too_few_for_misfit,
         placements,
         worst,
     })

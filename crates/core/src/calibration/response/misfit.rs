@@ -207,6 +207,31 @@ pub(super) fn explain(boards: &[Vec<Patch>]) -> Option<Misfit> {
     })
 }
 
+/// Whether these boards would show depth that is displaced by this many pixels against its colour picture, in whichever
+/// direction: whether that would leave more than `most` metres at 1 m on them, and be found. On boards that are seen
+/// squarely it leaves nothing; on boards that all lie in one plane, an offset and a slope take it up.
+pub(super) fn would_show_displacement(boards: &[Vec<Patch>], pixels: f64, most: f64) -> bool {
+    const DIRECTIONS: usize = 4;
+    (0..DIRECTIONS).all(|k| {
+        let angle = std::f64::consts::PI * k as f64 / DIRECTIONS as f64;
+        let displaced = displaced(boards, [pixels * angle.cos(), pixels * angle.sin()]);
+        let displaced: Vec<&Vec<Patch>> = displaced.iter().filter(|b| !b.is_empty()).collect();
+        let left = held_out(&displaced, line).unwrap_or(0.0);
+        let explained = held_out(&displaced, misregistered).unwrap_or(f64::MAX);
+        left > most && explained <= EXPLAINS * left
+    })
+}
+
+/// The boards as if nothing were amiss but a displacement by so many pixels in x and y.
+fn displaced(boards: &[Vec<Patch>], [x, y]: [f64; 2]) -> Vec<Vec<Patch>> {
+    let own = |patch: &Patch| Patch {
+        error: x * patch.gradient[0] + y * patch.gradient[1],
+        ..*patch
+    };
+    let of_board = |board: &Vec<Patch>| board.iter().map(own).collect();
+    boards.iter().map(of_board).collect()
+}
+
 /// Looks for the cause of what a line leaves of these boards, also for depth that is displaced in a part of the session
 /// only, as after a driver began anew without registering it. The boards are in the order of their placements.
 pub(super) fn explain_session(placements: &[&str], boards: &[Vec<Patch>]) -> Option<Misfit> {

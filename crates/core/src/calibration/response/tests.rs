@@ -429,7 +429,7 @@ fn readings_that_are_not_those_of_the_calibration_are_told() {
     };
     assert_eq!(sound.too_few_for_misfit, Some(too_few));
     let sound = checked(6, 1.0, 0);
-    assert!(!sound.is_other() && sound.too_few_for_misfit.is_none());
+    assert!(!sound.is_other() && sound.shows_registration());
     let deep = checked(1, 1.03, 0);
     let expected = 0.03 * (deep.worst.distance - sensor().intercept);
     assert!(
@@ -450,6 +450,43 @@ fn readings_that_are_not_those_of_the_calibration_are_told() {
     let tolerance = tolerance(&plane);
     let reason = check_depth(&lens(), &board(), &[view], &sensor(), tolerance).unwrap_err();
     assert!(reason.contains("p7: 0 of"), "{reason}");
+}
+
+#[test]
+fn boards_that_would_not_show_displaced_depth_do_not_check_it() {
+    let shows = |poses: &[Isometry3<f64>]| {
+        let sound = checked(poses, &sensor(), |truth, _| truth.map(|&r| f32::from(r)));
+        assert!(
+            !sound.is_other() && sound.too_few_for_misfit.is_none(),
+            "{sound:?}"
+        );
+        sound.shows_registration()
+    };
+    for count in [6, 7] {
+        assert!(shows(&poses(count)), "{count}");
+    }
+    let turned = |tilt: Vector3<f64>, at: [f64; 3]| {
+        let middle = Isometry3::new(Vector3::from(at), tilt);
+        middle * Isometry3::translation(-0.1, -0.0625, 0.0)
+    };
+    let squarely = (0..5).map(|k| turned(Vector3::zeros(), [0.0, 0.0, 0.7 + 0.1 * f64::from(k)]));
+    assert!(!shows(&squarely.collect::<Vec<_>>()));
+    let table = Isometry3::new(Vector3::new(0.0, 0.0, 1.0), Vector3::x() * 0.6);
+    let places = [
+        [0.0, 0.0],
+        [0.1, 0.06],
+        [-0.1, 0.06],
+        [0.1, -0.06],
+        [-0.1, -0.06],
+    ];
+    let flat = places.map(|[x, y]| table * Isometry3::translation(x - 0.1, y - 0.0625, 0.0));
+    assert!(!shows(&flat));
+    // Tilted about x alone, they do not show a displacement in x.
+    let alike = (0..5).map(|k| {
+        let k = f64::from(k);
+        turned(Vector3::x() * (0.2 * k - 0.4), [0.0, 0.0, 0.7 + 0.1 * k])
+    });
+    assert!(!shows(&alike.collect::<Vec<_>>()));
 }
 
 #[test]
