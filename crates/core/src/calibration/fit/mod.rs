@@ -159,6 +159,19 @@ pub enum Error {
         name: String,
         known: String,
     },
+    /// A placement of which only the back was seen.
+    #[error(
+        "placement {name:?} cannot define the rig's frame, because no camera saw the board's front there (camera {camera} \
+         saw its back): the cameras would lie below the table. Lay the board on the table with its front side up and show \
+         it again, or name a placement whose front was seen ({known}; --table-placement)"
+    )]
+    TableUpsideDown {
+        /// What was asked for.
+        name: String,
+        /// A camera that saw its back.
+        camera: CameraId,
+        known: String,
+    },
     /// The equations have no solution.
     #[error("the fit failed: {0}")]
     Unsolvable(String),

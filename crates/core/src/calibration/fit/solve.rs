@@ -3,7 +3,7 @@
 
 use super::adjust::{Bundle, CAMERA, CameraState, Observation, PlacementState};
 use super::change::changes;
-use super::frame::{lowest_placement, rig_from_table};
+use super::frame::{below, lowest_placement, rig_from_table, with_front_seen};
 use super::holdout::is_connected;
 use super::lens::PARAMETERS;
 use super::outliers::{self, Omission, ViewDecision, mild_loss};
@@ -370,27 +370,42 @@ impl<'a> Solver<'a> {
 
     /// Index of the placement that becomes the rig's frame, and whether all else lies above it.
     fn table(&self) -> Result<(usize, bool), Error> {
-        let used = |p: usize| self.bundle.views.iter().any(|v| v.placement == p);
-        let Some(name) = &self.parameters.table_placement else {
-            let (lowest, below) =
-                lowest_placement(&self.bundle, &self.session.board).unwrap_or((0, 1.0));
-            // Smaller errors are noise.
-            return Ok((lowest, below < 0.005));
+        let (bundle, board) = (&self.bundle, &self.session.board);
+        let (table, below) = match &self.parameters.table_placement {
+            None => lowest_placement(bundle, board).unwrap_or((0, 1.0)),
+            Some(name) => {
+                let table = self.named_table(name)?;
+                (table, below(bundle, board, &with_front_seen(bundle), table))
+            }
         };
-        let all = self.session.placements.iter().enumerate();
-        let known: Vec<_> = all.filter(|(p, _)| used(*p)).collect();
-        let found = known
-            .iter()
-            .find(|(_, n)| *n == name)
-            .map(|(p, _)| (*p, true));
-        found.ok_or_else(|| Error::NoSuchPlacement {
-            name: name.clone(),
-            known: known
-                .iter()
-                .map(|(_, n)| n.as_str())
-                .collect::<Vec<_>>()
-                .join(", "),
-        })
+        // Smaller errors are noise.
+        Ok((table, below < 0.005))
+    }
+
+    /// Index of the placement that a person says lies on the table.
+    fn named_table(&self, name: &str) -> Result<usize, Error> {
+        let names = &self.session.placements;
+        let joined = |placements: &[usize]| {
+            let names: Vec<&str> = placements.iter().map(|&p| names[p].as_str()).collect();
+            names.join(", ")
+        };
+        let used = self.used();
+        let Some(table) = used.iter().copied().find(|&p| names[p] == name) else {
+            return Err(Error::NoSuchPlacement {
+                name: name.to_owned(),
+                known: joined(&used),
+            });
+        };
+        let with_front_seen = with_front_seen(&self.bundle);
+        let mut views = self.bundle.views.iter();
+        match views.find(|v| v.placement == table) {
+            Some(view) if !with_front_seen.contains(&table) => Err(Error::TableUpsideDown {
+                name: name.to_owned(),
+                camera: self.session.cameras[view.camera].id.clone(),
+                known: joined(&with_front_seen),
+            }),
+            _ => Ok(table),
+        }
     }
 
     fn finish(mut self, mut left_out: Vec<LeftOut>) -> Result<Fit, Error> {

@@ -1,6 +1,6 @@
 //! Tests fits of sessions whose truth is known.
 
-use super::synthetic::{Random, Truth, apart, color_lens, looking, placements, rig};
+use super::synthetic::{Random, Truth, apart, color_lens, looking, placed, placements, rig};
 use super::*;
 use crate::calibration::{Board, BoardShape, CalibrationLevel, Distortion, Intrinsics};
 use nalgebra::{Point2, Point3, Vector2, Vector3};
@@ -498,6 +498,45 @@ fn a_board_that_moved_between_the_cameras_pictures_is_named() {
     let fit = fit(&mixed, &Parameters::default()).unwrap();
     names_only(&fit, None, "p06");
     predicts_well(&truth, &fit);
+}
+
+#[test]
+fn a_placement_that_is_named_as_the_table_is_measured_like_any_other() {
+    let board = Board::charuco(11, 8, 0.025, true).unwrap();
+    let mut truth = truth(board, 10, 1);
+    truth.cameras.drain(4..11);
+    let upside_down = Vector3::x() * std::f64::consts::PI;
+    let middle = Point3::new(0.01, 0.02, 0.0);
+    truth
+        .placements
+        .push(placed(&board, middle, upside_down, 0.3));
+    let session = truth.session(0.1, &mut Random(7));
+    let named = |name: &str| {
+        let parameters = Parameters {
+            table_placement: Some(name.to_owned()),
+            folds: 0,
+            ..Parameters::default()
+        };
+        fit(&session, &parameters)
+    };
+    let flat = named("p00").unwrap();
+    assert_eq!((flat.table.as_str(), flat.table_is_lowest), ("p00", true));
+    assert!(flat.cameras.iter().all(|c| c.camera.center().z > 0.3));
+    let tilted = named("p03").unwrap();
+    assert_eq!(
+        (tilted.table.as_str(), tilted.table_is_lowest),
+        ("p03", false)
+    );
+    // It would be consistent, but z would point down.
+    let words = named("p10").unwrap_err().to_string();
+    for part in [
+        "placement \"p10\" cannot define",
+        "no camera saw the board's front there (camera c00 saw its back)",
+        "p00, p01",
+    ] {
+        assert!(words.contains(part), "{words}");
+    }
+    assert!(!words.contains("p09, p10"), "{words}");
 }
 
 #[test]

@@ -232,7 +232,8 @@ pub fn judge(
     );
     if !fit.table_is_lowest && fit.cameras.len() > 1 {
         let words = format!(
-            "no placement lies flat below all others: the rig's frame lies on {}, which may not be the table",
+            "the rig's frame lies on {}, which may not be the table: it does not lie flat below all other placements and \
+             cameras",
             fit.table
         );
         found.push(Reason::new(

@@ -51,7 +51,7 @@ pub(super) fn advice(kind: ReasonKind) -> &'static str {
             "Show it the board together with a neighbour, three times or more."
         }
         ReasonKind::TableUnknown => {
-            "Put the board flat on the table once, or name the placement with --table-placement."
+            "Put the board flat on the table once, or name the placement that lies there with --table-placement."
         }
         ReasonKind::Scale => {
             "Measure the board's squares over its whole length: the calibration's scale is theirs. Only then is it known \
