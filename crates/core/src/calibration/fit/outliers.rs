@@ -267,43 +267,46 @@ pub(super) fn drop_false_corners(bundle: &mut Bundle, deviations: f64) -> Vec<us
     dropped
 }
 
-/// Pairs of placements, the later one first, at which all common cameras saw the board in the same place to a fraction
-/// of a pixel: one of them says nothing new.
+/// Placements that say nothing new, with the reason: each camera that saw one saw the same face of the board at another
+/// one, in the same place to a fraction of a pixel. Of two that the same cameras saw, it is the later one.
 pub(super) fn duplicates(bundle: &Bundle, names: &[String]) -> Vec<(usize, String)> {
-    const SAME_PX: f64 = 1.0;
     let mut by_placement: Vec<Vec<&Observation>> = vec![Vec::new(); bundle.placements.len()];
     for view in &bundle.views {
         by_placement[view.placement].push(view);
     }
-    let same = |a: usize, b: usize| {
-        let of = |p: usize| by_placement[p].iter().copied();
-        let mut common = 0;
-        for view in of(a) {
-            let Some(other) = of(b).find(|o| o.camera == view.camera && o.back == view.back) else {
-                continue;
-            };
-            common += 1;
-            let apart = mean_distance(view, other);
-            if apart.is_none_or(|d| d > SAME_PX) {
-                return false;
+    let adds_nothing = |own: usize, other: usize| {
+        let (own, other) = (&by_placement[own], &by_placement[other]);
+        !own.is_empty() && own.iter().all(|view| is_seen_again(view, other))
+    };
+    let mut found: Vec<(usize, usize)> = Vec::new();
+    for later in 0..bundle.placements.len() {
+        let is_kept = |p: &usize| found.iter().all(|(own, _)| own != p);
+        let kept: Vec<usize> = (0..later).filter(is_kept).collect();
+        let known = kept.iter().copied().find(|&p| adds_nothing(later, p));
+        match known {
+            Some(earlier) => found.push((later, earlier)),
+            None => {
+                let less = kept.into_iter().filter(|&p| adds_nothing(p, later));
+                found.extend(less.map(|earlier| (earlier, later)));
             }
         }
-        common > 0
-    };
-    let mut found: Vec<(usize, String)> = Vec::new();
-    for later in 0..bundle.placements.len() {
-        let earlier = (0..later).find(|&e| found.iter().all(|(d, _)| *d != e) && same(e, later));
-        if let Some(earlier) = earlier {
-            found.push((
-                later,
-                format!(
-                    "the board lies where it lay at {}, so this placement adds nothing",
-                    names[earlier]
-                ),
-            ));
-        }
     }
-    found
+    let told = |(own, other): (usize, usize)| {
+        let other = &names[other];
+        let reason =
+            format!("the board lies where it lay at {other}, so this placement adds nothing");
+        (own, reason)
+    };
+    found.into_iter().map(told).collect()
+}
+
+/// Whether one of these views is the same camera's of the same face, in the same place.
+fn is_seen_again(view: &Observation, others: &[&Observation]) -> bool {
+    const SAME_PX: f64 = 1.0;
+    let is_of = |other: &&&Observation| other.camera == view.camera && other.back == view.back;
+    let other = others.iter().find(is_of);
+    let apart = other.and_then(|other| mean_distance(view, other));
+    apart.is_some_and(|d| d <= SAME_PX)
 }
 
 /// Mean distance of some of a view's corners from the other's nearest; of whatever name, for a board that looks the

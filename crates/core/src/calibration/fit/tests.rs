@@ -569,6 +569,40 @@ fn a_blurred_view_is_named_and_a_duplicate_placement_too() {
 }
 
 #[test]
+fn a_placement_is_a_duplicate_only_of_one_that_the_same_cameras_saw() {
+    let mut twice = truth(checkerboard(), 14, 1);
+    twice.cameras.drain(4..11);
+    twice.placements.push(twice.placements[9]);
+    let session = twice.session(0.1, &mut Random(7));
+    let cameras = |placement: usize| -> Vec<usize> {
+        let views = session.views.iter();
+        let own = views.filter(|v| v.placement == placement);
+        own.map(|v| v.camera).collect()
+    };
+    let [first, .., last] = cameras(9)[..] else {
+        panic!("one camera saw it")
+    };
+    assert_eq!(cameras(9), cameras(14));
+    let fitted = |without: &[(usize, usize)]| {
+        let mut session = session.clone();
+        let is_without = |v: &View| without.contains(&(v.camera, v.placement));
+        session.views.retain(|v| !is_without(v));
+        let parameters = Parameters {
+            folds: 0,
+            ..Parameters::default()
+        };
+        fit(&session, &parameters).unwrap()
+    };
+    names_only(&fitted(&[(last, 14)]), None, "p14");
+    // The view that only the later one has is kept.
+    let later = fitted(&[(last, 9)]);
+    names_only(&later, None, "p09");
+    assert!(later.left_out[0].reason.contains("p14"), "{later:?}");
+    let both = fitted(&[(last, 9), (first, 14)]);
+    assert!(both.left_out.is_empty(), "{:?}", both.left_out);
+}
+
+#[test]
 fn false_corners_do_no_harm() {
     let truth = truth(checkerboard(), 20, 1);
     let fit = fitted(&truth, |session| {
