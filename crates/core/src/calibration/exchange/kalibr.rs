@@ -2,7 +2,7 @@
 //! it, in metres.
 
 use super::response_comment;
-use super::yaml::{Tree, exactly, side, word};
+use super::yaml::{Tree, exactly, is_there, side, word, word_or};
 use crate::calibration::{Camera, Distortion, Intrinsics, RigCalibration};
 use crate::frame::CameraId;
 use nalgebra::{
@@ -133,7 +133,10 @@ pub(super) fn cameras(tree: &Tree) -> Result<Vec<Camera>, String> {
 fn camera(tree: &Tree, name: &str, before: Option<Isometry3<f64>>) -> Result<Camera, String> {
     let of = |what: &str| format!("{name}.{what}");
     let model = word(tree, &of("camera_model"))?;
-    let distortion_model = word(tree, &of("distortion_model")).unwrap_or("none");
+    let distortion_model = match is_there(tree, &of("distortion_coeffs")) {
+        true => word(tree, &of("distortion_model"))?,
+        false => word_or(tree, &of("distortion_model"), "none")?,
+    };
     if model != "pinhole" || !["radtan", "none"].contains(&distortion_model) {
         return Err(format!(
             "camera_model is {model:.40?} with {distortion_model:.40?}, expected pinhole with radtan or none"

@@ -18,7 +18,8 @@ impl RigCalibration {
     /// Kalibr's are in the frame of its first camera.
     ///
     /// # Errors
-    /// As [`Self::load`]; or if a folder has no such file, or names a camera twice.
+    /// As [`Self::load`]; or if a folder has no such file, or names a camera twice, or if a YAML file has a distortion
+    /// that cannot be read. One without any is of a lens without distortion.
     pub fn import(path: &Path) -> Result<Self, FileError> {
         if path.is_dir() {
             return import_folder(path);

@@ -2,7 +2,7 @@
 //! camera_calibration_parsers do.
 
 use super::response_comment;
-use super::yaml::{Tree, exactly, list, side, word};
+use super::yaml::{Tree, exactly, is_there, list, side, word, word_or};
 use crate::calibration::{Camera, DepthResponse, Distortion, Intrinsics};
 use crate::frame::CameraId;
 use nalgebra::{Isometry3, Vector2};
@@ -52,8 +52,12 @@ pub(super) fn camera(tree: &Tree) -> Result<Camera, String> {
     if k[1] != 0.0 {
         return Err(format!("camera_matrix has a skew of {}, expected 0", k[1]));
     }
-    let model = word(tree, "distortion_model").unwrap_or("plumb_bob");
-    let d = list(tree, "distortion_coefficients.data").unwrap_or(&[]);
+    // Old files of ROS do not name the model, which was the only one.
+    let model = word_or(tree, "distortion_model", "plumb_bob")?;
+    let d: &[f64] = match is_there(tree, "distortion_coefficients") {
+        true => list(tree, "distortion_coefficients.data")?,
+        false => &[],
+    };
     let distortion = Distortion::from_model(model, d).map_err(|e| e.to_string())?;
     let (focal, center) = (Vector2::new(k[0], k[4]), Vector2::new(k[2], k[5]));
     let lens =

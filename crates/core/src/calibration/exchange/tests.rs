@@ -153,6 +153,34 @@ fn what_is_wrong_is_named() {
             kalibr.replace("resolution: [2560, 1920]", "resolution: big"),
             "resolution is \"big\"",
         ),
+        // A lens whose distortion cannot be read is not one without distortion.
+        (
+            ros.replace("cols: 5\n  data: [", "cols: 5\n  data: none # ["),
+            "distortion_coefficients.data is \"none\", expected a list of numbers",
+        ),
+        (
+            ros.replace("cols: 5\n  data: [", "cols: 5\n  values: ["),
+            "distortion_coefficients.data is missing",
+        ),
+        (
+            ros.replace(
+                "distortion_model: plumb_bob",
+                "distortion_model: [plumb_bob]",
+            ),
+            "expected numbers",
+        ),
+        (
+            ros.replace("distortion_model: plumb_bob", "distortion_model: [5]"),
+            "distortion_model is a list, expected one value",
+        ),
+        (
+            kalibr.replace("  distortion_model: radtan\n", ""),
+            "cam0: cam0.distortion_model is missing",
+        ),
+        (
+            kalibr.replace("distortion_model: radtan", "distortion_model: [1]"),
+            "cam0: cam0.distortion_model is a list",
+        ),
         ("a: b: [".to_owned(), "neither a ROS"),
         ("word".to_owned(), "line 1: expected NAME: VALUE"),
         ("a: [1, x]".to_owned(), "line 1: expected numbers"),
@@ -162,6 +190,18 @@ fn what_is_wrong_is_named() {
             message.contains(named) && message.contains("x.yaml"),
             "{message}"
         );
+    }
+}
+
+#[test]
+fn a_file_without_a_distortion_has_a_lens_without_one() {
+    let ros = "image_width: 640\nimage_height: 480\ncamera_name: left\ncamera_matrix:\n  rows: 3\n  cols: 3\n  \
+        data: [532.0, 0.0, 342.0, 0.0, 532.0, 233.0, 0.0, 0.0, 1.0]\n";
+    let kalibr = "cam0:\n  camera_model: pinhole\n  intrinsics: [532.0, 532.0, 342.0, 233.0]\n  resolution: [640, 480]\n";
+    for text in [ros, kalibr] {
+        let read = import("left.yaml", text).unwrap();
+        let (found, _) = read.cameras.values().next().unwrap();
+        assert_eq!(found.intrinsics.distortion, Distortion::default());
     }
 }
 

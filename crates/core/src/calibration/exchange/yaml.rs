@@ -122,6 +122,27 @@ pub(super) fn word<'a>(tree: &'a Tree, name: &str) -> Result<&'a str, String> {
     }
 }
 
+/// Whether a file has a value under a name, or under a name below it.
+pub(super) fn is_there(tree: &Tree, name: &str) -> bool {
+    let is_below = |key: &String| {
+        let rest = key.strip_prefix(name);
+        rest.is_some_and(|rest| rest.is_empty() || rest.starts_with('.'))
+    };
+    tree.keys().any(is_below)
+}
+
+/// A word under a name, or this one if the file does not have the name.
+pub(super) fn word_or<'a>(
+    tree: &'a Tree,
+    name: &str,
+    otherwise: &'a str,
+) -> Result<&'a str, String> {
+    match is_there(tree, name) {
+        true => word(tree, name),
+        false => Ok(otherwise),
+    }
+}
+
 /// A picture's side, from a number.
 pub(super) fn side(value: f64) -> Result<usize, String> {
     let is_side = value.fract() == 0.0 && (1.0..=16_384.0).contains(&value);
