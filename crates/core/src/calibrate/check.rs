@@ -1,6 +1,7 @@
 //! Checks whether the rig still matches its calibration: its cameras, and what its depth cameras read.
 
 use super::depth::{BoardView, views};
+use super::detections::WITHOUT_COLOR;
 use super::{Detections, Error};
 use crate::calibration::fit::{self, CheckedCamera, DriftLimits, DriftResult, PairMotion};
 use crate::calibration::response::{
@@ -117,6 +118,9 @@ fn depths(
         let checked = match (is_read, response) {
             (false, None) => continue,
             (true, None) => Err("the calibration has no depth response for it".into()),
+            (false, Some(_)) if detections.without_color.contains(id) => {
+                Err(format!("it {WITHOUT_COLOR}"))
+            }
             (false, Some(_)) => Err("the recording has no depth frames from it".into()),
             (true, Some(response)) => {
                 let now = camera_now(checks, camera);
@@ -172,7 +176,64 @@ fn against(
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::calibration::fit::Session;
     use crate::calibration::response::{DepthDeviation, TooFewBoards};
+    use crate::calibration::{Board, Distortion, Intrinsics};
+    use nalgebra::{Isometry3, Vector2};
+
+    #[test]
+    fn a_depth_camera_that_is_not_checked_is_told_with_the_reason() {
+        let board = Board::checkerboard(9, 6, 0.025).unwrap();
+        let session = Session {
+            board,
+            cameras: Vec::new(),
+            placements: Vec::new(),
+            views: Vec::new(),
+        };
+        let lens = Intrinsics::new(
+            640,
+            480,
+            Vector2::repeat(575.0),
+            Vector2::new(319.5, 239.5),
+            Distortion::default(),
+        );
+        let id = CameraId::new("kinect").unwrap();
+        let camera = Camera::new(id.clone(), lens.unwrap(), Isometry3::identity());
+        let known = RigCalibration {
+            cameras: BTreeMap::from([(id.clone(), (camera, Some(DepthResponse::default())))]),
+            ..RigCalibration::default()
+        };
+        let options = CheckOptions {
+            watch: DriftLimits::default(),
+            fit: fit::Parameters::default(),
+            plane: PlaneParameters::default(),
+            depth_bias_mm: 1.0,
+        };
+        let checks = DriftResult {
+            cameras: Vec::new(),
+            alone: BTreeSet::new(),
+            against_each_other: None,
+            rig_from_board: Vec::new(),
+            rig_from_camera: Vec::new(),
+            front_from_back: Isometry3::identity(),
+        };
+        let told = |without_color: &[CameraId]| {
+            let detections = Detections {
+                session: session.clone(),
+                depth_cameras: Vec::new(),
+                without_color: without_color.iter().cloned().collect(),
+                rejected: Vec::new(),
+                lost: Vec::new(),
+                warnings: Vec::new(),
+            };
+            let mut lost = Vec::new();
+            let found = depths(&detections, &[], &known, &checks, &options, &mut lost);
+            found[&id].clone().unwrap_err()
+        };
+        let words = "it has no colour pictures, in which the board could be found";
+        assert_eq!(told(std::slice::from_ref(&id)), words);
+        assert_eq!(told(&[]), "the recording has no depth frames from it");
+    }
 
     #[test]
     fn a_check_is_whole_only_if_boards_enough_show_where_depth_lies_in_its_picture() {

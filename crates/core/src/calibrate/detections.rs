@@ -19,6 +19,8 @@ pub struct Detections {
     pub session: Session,
     /// Cameras that measure depth.
     pub depth_cameras: Vec<CameraId>,
+    /// Depth cameras without colour pictures, so that they cannot have seen the board: they are not in the session.
+    pub without_color: BTreeSet<CameraId>,
     /// Pictures without a usable board, with the reason.
     pub rejected: Vec<Rejected>,
     /// Pictures that could not be read, and other losses.
@@ -123,6 +125,12 @@ pub fn detect_boards(
         recordings.iter().flat_map(Placements::cameras).collect();
     let depths = cameras.iter().filter(|(_, depth)| **depth);
     detections.depth_cameras = depths.map(|(id, _)| id.clone()).collect();
+    let without = recordings
+        .iter()
+        .flat_map(Placements::depth_cameras_without_color);
+    detections.without_color = without.filter(|id| !cameras.contains_key(id)).collect();
+    let words = detections.without_color.iter().map(without_color_words);
+    detections.warnings.extend(words);
     let ids: Vec<CameraId> = cameras.into_keys().collect();
     for id in &ids {
         let own = found.iter().filter(|d| d.shot.camera == *id);
@@ -141,6 +149,17 @@ pub fn detect_boards(
     detections.check_size()?;
     Ok(detections)
 }
+
+/// That a depth camera cannot be calibrated or checked.
+fn without_color_words(id: &CameraId) -> String {
+    format!(
+        "depth camera {id} {WITHOUT_COLOR}: it is neither calibrated nor checked. Let it record colour pictures, too, and \
+         show the board again"
+    )
+}
+
+/// Why nothing is known of a depth camera that was recorded.
+pub(super) const WITHOUT_COLOR: &str = "has no colour pictures, in which the board could be found";
 
 /// That some of a camera's files are marked to be shown turned or mirrored; `files` has the EXIF orientation of each.
 fn turned_words(id: &CameraId, files: &[(&Path, u8)]) -> Option<String> {
@@ -327,6 +346,7 @@ impl Detections {
                 views: Vec::new(),
             },
             depth_cameras: Vec::new(),
+            without_color: BTreeSet::new(),
             rejected: Vec::new(),
             lost: Vec::new(),
             warnings: Vec::new(),
@@ -458,6 +478,8 @@ mod tests {
     use super::*;
     use crate::calibration::fit::{Corner, Parameters, Rejection, diagnose, fit};
     use crate::calibration::{Camera, Distortion, Face};
+    use crate::frame::Stream;
+    use crate::recording::{Compression, Writer, testing};
     use nalgebra::{Isometry3, Vector2, Vector3};
 
     #[test]
@@ -535,6 +557,33 @@ mod tests {
     }
 
     #[test]
+    fn a_depth_camera_without_colour_pictures_is_told() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("session.mcap");
+        let mut writer = Writer::create(&path, "scand test", Compression::None).unwrap();
+        writer.trigger(&testing::trigger("p0", 100)).unwrap();
+        let kinect = testing::camera_id("kinect");
+        for k in 0..3 {
+            let frame = testing::frame(kinect.clone(), Stream::Depth, 110 + 33 * k);
+            writer.frame(&frame).unwrap();
+        }
+        writer.finish().unwrap();
+        let recordings = open(&[path], &sync::Parameters::default()).unwrap();
+        let board = Board::checkerboard(9, 6, 0.025).unwrap();
+        let found = detect_boards(&recordings, &board, [None, None], &|| {}).unwrap();
+        assert_eq!(found.without_color, BTreeSet::from([kinect]));
+        assert!(found.session.cameras.is_empty() && found.depth_cameras.is_empty());
+        let expected =
+            "depth camera kinect has no colour pictures, in which the board could be found";
+        let mut warnings = found.warnings.iter();
+        assert!(
+            warnings.any(|words| words.starts_with(expected)),
+            "{:?}",
+            found.warnings
+        );
+    }
+
+    #[test]
     fn a_camera_whose_picture_cannot_be_read_is_lost_alone() {
         let folder = tempfile::tempdir().unwrap();
         let file = |name: &str, bytes: &[u8]| {
@@ -587,6 +636,7 @@ mod tests {
                 views: [0, 1, 2, 4, 5].map(view).to_vec(),
             },
             depth_cameras: Vec::new(),
+            without_color: BTreeSet::new(),
             rejected: vec![Rejected {
                 camera,
                 placement: "p3".into(),

@@ -165,7 +165,8 @@ impl Placements {
         }
     }
 
-    /// Cameras that have pictures, and whether they measure depth: in the order of their ids, colour cameras first.
+    /// Cameras that have colour pictures, and whether they measure depth: in the order of their ids, colour cameras
+    /// first.
     pub fn cameras(&self) -> Vec<(CameraId, bool)> {
         let cameras = match &self.source {
             Source::Recording(recording, _) => cameras(recording),
@@ -177,6 +178,16 @@ impl Placements {
             .into_iter()
             .filter(|(_, has_color)| *has_color);
         colors.chain(depths.map(|(id, _)| (id, true))).collect()
+    }
+
+    /// Depth cameras that have no colour pictures, in which a board could be found.
+    pub fn depth_cameras_without_color(&self) -> Vec<CameraId> {
+        let Some(recording) = self.recording() else {
+            return Vec::new();
+        };
+        let depths = cameras(recording).depths.into_iter();
+        let without = depths.filter(|(_, has_color)| !has_color);
+        without.map(|(id, _)| id).collect()
     }
 
     /// The pictures of all placements, one a camera.
