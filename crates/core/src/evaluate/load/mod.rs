@@ -1,7 +1,7 @@
 //! Reads model files back: PLY and GLB into one mesh in the rig's frame (z up, metres) with what they know of each
 //! vertex. Nothing in a file is trusted: counts are compared with the file's size before memory is allocated, indices
-//! with the number of vertices, and coordinates must be finite. GLB is read with the crate `gltf` (`glb.rs` says how
-//! far). PLY has its own reader, because no crate compares a header's counts with the file's size.
+//! with the number of vertices, and coordinates and expected errors must be finite. GLB is read with the crate `gltf`
+//! (`glb.rs` says how far). PLY has its own reader, because no crate compares a header's counts with the file's size.
 
 mod glb;
 mod ply;
@@ -113,12 +113,40 @@ fn parse_with(parse: Parse, bytes: &[u8], name: &Path) -> Result<LoadedModel, Er
         what,
     };
     let model = parse(bytes).map_err(what)?;
-    examine(&model.mesh).map_err(what)?;
+    examine(&model).map_err(what)?;
     Ok(model)
 }
 
-/// What every reader owes: triangles, indices within range and finite coordinates.
-fn examine(mesh: &Mesh) -> Result<(), String> {
+/// What every reader owes: triangles, indices within range, finite coordinates, a value a vertex of what is known of
+/// vertices, and errors that can be expected.
+fn examine(model: &LoadedModel) -> Result<(), String> {
+    examine_mesh(&model.mesh)?;
+    let count = model.mesh.vertices.len();
+    let lengths = [
+        ("normals", model.normals.as_ref().map(Vec::len)),
+        ("colours", model.colors.as_ref().map(Vec::len)),
+        ("provenances", model.provenance.as_ref().map(Vec::len)),
+        (
+            "expected errors",
+            model.expected_error.as_ref().map(Vec::len),
+        ),
+    ];
+    for (what, length) in lengths {
+        if let Some(length) = length.filter(|&length| length != count) {
+            return Err(format!("it has {length} {what} for {count} vertices"));
+        }
+    }
+    let possible = |error: &f32| error.is_finite() && *error >= 0.0;
+    let mut errors = model.expected_error.iter().flatten();
+    if let Some(v) = errors.position(|error| !possible(error)) {
+        return Err(format!(
+            "vertex {v} has an expected error that is no finite length of 0 m or more"
+        ));
+    }
+    Ok(())
+}
+
+fn examine_mesh(mesh: &Mesh) -> Result<(), String> {
     if mesh.triangles.is_empty() {
         return Err("the file has no triangles".to_owned());
     }
@@ -269,5 +297,26 @@ mod tests {
         assert!(say("a.ply", empty.as_bytes()).contains("no triangles"));
         assert!(say("b.ply", placeless.as_bytes()).contains("vertex 1"));
         assert!(load(&folder.path().join("none.ply")).is_err());
+        for error in ["-0.001", "inf", "nan", "1e300"] {
+            let unexpected = ply(&format!("0 0 0 0\n1 0 0 {error}\n0 1 0 0\n"), "3 0 1 2\n")
+                .replace("float z\n", "float z\nproperty float expected_error\n");
+            let told = say("c.ply", unexpected.as_bytes());
+            assert!(told.contains("vertex 1 has an expected error"), "{told}");
+        }
+    }
+
+    #[test]
+    fn what_is_known_of_vertices_has_a_value_for_each() {
+        let mesh = shapes::tetrahedron(1.0);
+        let with = |errors: usize| LoadedModel {
+            mesh: mesh.clone(),
+            expected_error: Some(vec![0.0; errors]),
+            ..LoadedModel::default()
+        };
+        examine(&with(4)).unwrap();
+        for errors in [3, 5] {
+            let told = examine(&with(errors)).unwrap_err();
+            assert!(told.contains("expected errors for 4 vertices"), "{told}");
+        }
     }
 }

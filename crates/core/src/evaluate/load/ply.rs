@@ -14,6 +14,12 @@ const MAX_CORNERS: usize = 1024;
 pub(super) fn parse(bytes: &[u8]) -> Result<LoadedModel, String> {
     let (header, body) = split_header(bytes)?;
     let (format, elements) = read_header(header)?;
+    let of_vertices = elements.iter().filter(|e| e.name == "vertex").count();
+    if of_vertices > 1 {
+        return Err(format!(
+            "the header has {of_vertices} elements vertex, expected one"
+        ));
+    }
     let mut source = Source { rest: body, format };
     let mut model = LoadedModel::default();
     for element in &elements {
@@ -492,6 +498,8 @@ mod tests {
             + 11;
         provenance[body + 12] = 77;
         assert!(parse(&provenance).unwrap_err().contains("provenance 77"));
+        // The second one's values would stand for the vertices of both.
+        assert!(with("other 2", "vertex 2").contains("2 elements vertex"));
     }
 
     proptest! {
