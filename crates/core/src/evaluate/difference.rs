@@ -17,7 +17,8 @@ use serde::Serialize;
 #[derive(serde::Deserialize, Serialize, Clone, Debug, PartialEq)]
 #[serde(deny_unknown_fields, default)]
 pub struct DifferenceParameters {
-    /// Points on each surface, beside its vertices, 1 to 20 000 000. Default 200 000.
+    /// Points that are spread evenly over each surface, 1 to 20 000 000; its vertices are looked at beside them.
+    /// Default 200 000.
     pub samples: usize,
     /// Surfaces nowhere farther apart than this are the same, in millimetres, 0 or more; round-off is never a
     /// difference. Default 0.01.
@@ -56,9 +57,9 @@ pub struct Difference {
     /// Nowhere farther apart than the tolerance, and alike in tightness, pieces and handles. Provenance does
     /// not count.
     pub same: bool,
-    /// From points of a to b.
+    /// From points of a to b. The largest is of its vertices, too.
     pub a_to_b: Summary,
-    /// From points of b to a.
+    /// From points of b to a. The largest is of its vertices, too.
     pub b_to_a: Summary,
     /// Mean signed distance from a to points of b: positive where b is larger.
     pub growth_mm: f64,
@@ -124,6 +125,29 @@ struct Measured {
     provenance: Option<(Provenance, Provenance)>,
 }
 
+/// The points of one model, seen from the other.
+struct MeasuredSurface {
+    /// Of equal shares of the area: means, quantiles and shares of these are those of the surface.
+    even: Vec<Measured>,
+    /// The vertices, so that nothing small and sharp slips through. They are dense where triangles are small, and say
+    /// nothing of how large a part of the surface is.
+    vertices: Vec<Measured>,
+}
+
+impl MeasuredSurface {
+    fn all(&self) -> impl Iterator<Item = &Measured> {
+        self.even.iter().chain(&self.vertices)
+    }
+
+    fn summary(&self) -> Option<Summary> {
+        let even = Summary::of(self.even.iter().map(|p| p.signed_mm.abs()))?;
+        Some(Summary {
+            max_mm: self.all().map(|p| p.signed_mm.abs()).fold(0.0, f64::max),
+            ..even
+        })
+    }
+}
+
 /// Compares two models in one frame.
 ///
 /// # Errors
@@ -137,10 +161,10 @@ pub fn difference(
         measure(a, b, "first model", parameters)?,
         measure(b, a, "second model", parameters)?,
     );
-    let summary = |points: &[Measured]| Summary::of(points.iter().map(|p| p.signed_mm.abs()));
-    let (Some(a_to_b), Some(b_to_a)) = (summary(&of_a), summary(&of_b)) else {
-        return Err(no_surface("model"));
+    let (Some(a_to_b), Some(b_to_a)) = (of_a.summary(), of_b.summary()) else {
+        return Err(Error::NoArea { what: "model" });
     };
+    let growth = of_b.even.iter().map(|p| p.signed_mm).sum::<f64>();
     let solids = (Solid::of(&a.mesh), Solid::of(&b.mesh));
     let kind = |s: &Solid| (s.watertight, s.components, s.genus);
     let near = a_to_b.max_mm.max(b_to_a.max_mm) <= parameters.same_within_mm();
@@ -148,35 +172,26 @@ pub fn difference(
         same: near && kind(&solids.0) == kind(&solids.1),
         a_to_b,
         b_to_a,
-        growth_mm: of_b.iter().map(|p| p.signed_mm).sum::<f64>() / of_b.len() as f64,
+        growth_mm: growth / of_b.even.len() as f64,
         volume_change_percent: 100.0 * (solids.1.volume_cm3 / solids.0.volume_cm3 - 1.0),
         a: solids.0,
         b: solids.1,
         places: places(&of_a, &of_b, parameters),
-        provenance: provenance_changes(&of_a),
+        provenance: provenance_changes(&of_a.even),
     })
 }
 
-fn no_surface(what: &'static str) -> Error {
-    Error::NoSurface {
-        what,
-        floor_mm: f64::NEG_INFINITY,
-    }
-}
-
-/// Even samples, and the vertices, so that nothing small and sharp slips through.
 fn measure(
     model: &LoadedModel,
     other: &LoadedModel,
     what: &'static str,
     parameters: &DifferenceParameters,
-) -> Result<Vec<Measured>, Error> {
+) -> Result<MeasuredSurface, Error> {
     let surface = Surface::new(&other.mesh);
-    let mut points = sample(&model.mesh, parameters.samples);
-    if points.is_empty() {
-        return Err(no_surface(what));
+    let even = sample(&model.mesh, parameters.samples);
+    if even.is_empty() {
+        return Err(Error::NoArea { what });
     }
-    points.extend(vertices(&model.mesh));
     let at = |s: &Sample| {
         let nearest = surface.nearest(s.point)?;
         let here = provenance_at(model, s.triangle, s.weights);
@@ -187,7 +202,11 @@ fn measure(
             provenance: here.zip(there),
         })
     };
-    Ok(points.par_iter().filter_map(at).collect())
+    let all = |samples: &[Sample]| -> Vec<Measured> { samples.par_iter().filter_map(at).collect() };
+    Ok(MeasuredSurface {
+        even: all(&even),
+        vertices: all(&vertices(&model.mesh)),
+    })
 }
 
 /// Each vertex once, as a point of the first triangle that names it.
@@ -211,7 +230,11 @@ fn vertices(mesh: &Mesh) -> Vec<Sample> {
 }
 
 /// The largest differences above the tolerance, each far enough from those before it.
-fn places(a: &[Measured], b: &[Measured], parameters: &DifferenceParameters) -> Vec<Place> {
+fn places(
+    a: &MeasuredSurface,
+    b: &MeasuredSurface,
+    parameters: &DifferenceParameters,
+) -> Vec<Place> {
     let on = |side: Side| {
         move |p: &Measured| Place {
             position_mm: (p.point.coords * 1e3).into(),
@@ -219,7 +242,7 @@ fn places(a: &[Measured], b: &[Measured], parameters: &DifferenceParameters) -> 
             on: side,
         }
     };
-    let all = a.iter().map(on(Side::A)).chain(b.iter().map(on(Side::B)));
+    let all = a.all().map(on(Side::A)).chain(b.all().map(on(Side::B)));
     let mut all: Vec<Place> = all
         .filter(|p| p.distance_mm > parameters.same_within_mm())
         .collect();
@@ -353,6 +376,42 @@ mod tests {
     fn a_model_without_area_is_an_error() {
         let flat = model(shapes::cube(0.0));
         let error = difference(&model(shapes::cube(1.0)), &flat, &parameters()).unwrap_err();
-        assert!(error.to_string().contains("second model"), "{error}");
+        assert_eq!(error.to_string(), "the second model has no area to compare");
+    }
+
+    /// A box, and beside it a ball that has a twelfth of its area and a thousand times as many vertices.
+    fn box_and_ball(radius: f32, of_ball: Provenance) -> LoadedModel {
+        let mut ball = shapes::sphere(radius, 5);
+        ball.vertices.iter_mut().for_each(|v| v.x += 0.2);
+        let mut mesh = shapes::cube(0.05);
+        let mut provenance = vec![Provenance::Hull; mesh.vertices.len()];
+        shapes::append(&mut mesh, &ball);
+        provenance.resize(mesh.vertices.len(), of_ball);
+        LoadedModel {
+            provenance: Some(provenance),
+            ..model(mesh)
+        }
+    }
+
+    #[test]
+    fn figures_are_of_the_surface_however_dense_its_vertices_are() {
+        let a = box_and_ball(0.02, Provenance::Hull);
+        let b = box_and_ball(0.021, Provenance::Restored);
+        let found = difference(&a, &b, &parameters()).unwrap();
+        let share = |radius: f64| {
+            let of_ball = 4.0 * std::f64::consts::PI * radius * radius;
+            of_ball / (of_ball + 6.0 * 0.1 * 0.1)
+        };
+        let near = |found: f64, wanted: f64| {
+            assert!((found - wanted).abs() < 0.003, "{found}, not {wanted}");
+        };
+        let changed = found.provenance.unwrap().changed_share;
+        near(changed, share(0.02));
+        // A millimetre on the ball, and nothing on the box.
+        near(found.a_to_b.mean_mm, share(0.02));
+        near(found.growth_mm, share(0.021));
+        near(found.a_to_b.p90_mm, 0.0);
+        near(found.a_to_b.max_mm, 1.0);
+        assert_eq!(found.a_to_b.samples, 20_000);
     }
 }

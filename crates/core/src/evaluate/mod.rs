@@ -52,6 +52,9 @@ pub enum Error {
     /// A mesh has nothing to measure.
     #[error("the {what} has no surface above {floor_mm} mm of height")]
     NoSurface { what: &'static str, floor_mm: f64 },
+    /// A mesh that is to be compared has no area at all.
+    #[error("the {what} has no area to compare")]
+    NoArea { what: &'static str },
 }
 
 /// What is measured, and how closely. Lengths are finite numbers of 0 or more, where no other range is named; the
