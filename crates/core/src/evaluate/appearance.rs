@@ -5,7 +5,7 @@ use super::Parameters;
 use super::near::PointGrid;
 use super::sample::{Sample, sample};
 use super::surface::{Nearest, Surface};
-use crate::mesh::volume_and_total_area;
+use crate::mesh::{Mesh, volume_and_total_area};
 use nalgebra::{Point3, Vector3};
 
 /// Radius in metres within which the truth's normals tell whether a place is at an edge.
@@ -18,9 +18,14 @@ const OUTSIDE: f64 = 0.5e-3;
 const COMPARED: f64 = 5e-3;
 /// Metres by which the truth must stand out of the model to count as dented.
 const DENT: f64 = 0.3e-3;
-/// Points of the truth and of the model, at most, that stand for their surfaces where normals are averaged.
-const OF_TRUTH: usize = 60_000;
-const OF_MODEL: usize = 120_000;
+/// Points a square metre that stand for the surfaces where normals are averaged: some 14 within [`EDGE_RADIUS`] of a
+/// place on a flat surface, so that a place near an edge has some on both faces, however large the object is.
+const POINTS_A_SQUARE_METRE: f64 = 2e6;
+/// The fewest of the truth and of the model, which objects smaller than a cup have.
+const OF_SMALL_TRUTH: usize = 60_000;
+const OF_SMALL_MODEL: usize = 120_000;
+/// The most of one surface, for memory's sake: they stand close enough on a square metre, as a cube of 40 cm has.
+const MOST_POINTS: usize = 2_000_000;
 /// Points of the model around a place whose normals are averaged, so that facets count as what they show.
 const AVERAGED: usize = 6;
 
@@ -46,9 +51,9 @@ impl Appearance {
     /// Prepares both surfaces. Of the truth only what is above the floor counts.
     pub(super) fn new(truth: &Surface, model: &Surface, parameters: &Parameters) -> Self {
         let floor = parameters.floor_mm / 1e3;
-        let mut of_truth = sample(truth.mesh, OF_TRUTH.min(parameters.samples));
+        let mut of_truth = points(truth.mesh, OF_SMALL_TRUTH);
         of_truth.retain(|sample| sample.point.z > floor);
-        let of_model = sample(model.mesh, OF_MODEL.min(parameters.samples));
+        let of_model = points(model.mesh, OF_SMALL_MODEL);
         let (_, area) = volume_and_total_area(model.mesh);
         // On a flat surface a disc of this radius holds some more points than are averaged.
         let square = 1.5 * AVERAGED as f64 * area / (std::f64::consts::PI * of_model.len() as f64);
@@ -84,6 +89,14 @@ impl Appearance {
             is_dented: nearest.signed_distance > DENT,
         }
     }
+}
+
+/// Points spread evenly over a surface, `fewest` or more. How many there are depends on the surface alone: a figure
+/// must not change with the number of places where it is measured.
+fn points(mesh: &Mesh, fewest: usize) -> Vec<Sample> {
+    let (_, area) = volume_and_total_area(mesh);
+    let count = (area * POINTS_A_SQUARE_METRE).ceil() as usize;
+    sample(mesh, count.clamp(fewest, MOST_POINTS))
 }
 
 /// Unit normals of points of a surface.

@@ -251,6 +251,24 @@ fn edges_and_dents_are_told_from_the_rest() {
 }
 
 #[test]
+fn edges_are_as_wide_on_a_large_object_as_on_a_small_one_and_whatever_the_number_of_samples() {
+    let width_mm = |half: f32, samples: usize| {
+        let cube = shapes::cube(half);
+        let parameters = Parameters {
+            samples,
+            ..parameters()
+        };
+        let found = evaluate(&model(cube.clone()), &cube, &parameters).unwrap();
+        // Of each face, a strip along its border.
+        let share = found.whole.edges.map_or(0.0, |edges| edges.share);
+        1e3 * f64::from(half) * (1.0 - (1.0 - share).sqrt())
+    };
+    for (half, samples) in [(0.03, 20_000), (0.03, 5_000), (0.2, 50_000)] {
+        near(width_mm(half, samples), 1.3, 0.3);
+    }
+}
+
+#[test]
 fn facets_show_in_the_normals_of_the_outside_and_hollows_do_not() {
     let truth = shapes::sphere(0.03, 6);
     let mean = |found: &Evaluation| found.whole.outside_normals.unwrap().mean_degrees;
