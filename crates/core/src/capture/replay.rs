@@ -94,8 +94,8 @@ fn capture_records(
     problems: &mut Vec<String>,
 ) -> Result<BTreeMap<String, (Timestamp, CaptureRecord)>, Error> {
     let mut records = BTreeMap::new();
-    for message in recording.messages(&Topic::Capture) {
-        if let Some(record) = noted(recording.capture_record(message), problems)? {
+    for (message, read) in recording.read_each(&Topic::Capture, |m| recording.capture_record(m)) {
+        if let Some(record) = noted(read, problems)? {
             records.insert(record.id.clone(), (message.log_time(), record));
         }
     }
@@ -108,8 +108,8 @@ fn triggers(
     found: &mut ReplayEvents,
 ) -> Result<(), Error> {
     let mut with_trigger = BTreeSet::new();
-    for message in recording.messages(&Topic::Trigger) {
-        let Some(trigger) = noted(recording.trigger(message), &mut found.problems)? else {
+    for (_, read) in recording.read_each(&Topic::Trigger, |m| recording.trigger(m)) {
+        let Some(trigger) = noted(read, &mut found.problems)? else {
             continue;
         };
         with_trigger.insert(trigger.id.to_string());

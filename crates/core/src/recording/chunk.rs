@@ -12,6 +12,42 @@ use std::io::Read;
 /// Largest chunk that may unpack to more than a hundred times what it is: pictures of one colour shrink so.
 const LARGEST_OF_LITTLE: u64 = 96 << 20;
 
+/// What the chunks of one file may unpack to together: pictures shrink a little, flat ones a lot, but a file that grows
+/// a hundredfold was made to.
+pub(super) struct Budget {
+    allowed: u64,
+    taken: u64,
+}
+
+impl Budget {
+    pub(super) fn of(source: &Source) -> Self {
+        const ALWAYS: u64 = 256 << 20;
+        Self {
+            allowed: ALWAYS.saturating_add(source.length.saturating_mul(100)),
+            taken: 0,
+        }
+    }
+
+    /// Takes what a chunk unpacks to, or says that it is too much. One that is too large by itself takes nothing:
+    /// [`unpack`] refuses it.
+    pub(super) fn take(&mut self, chunk: &Chunk) -> Result<(), Damage> {
+        let size = chunk.header.uncompressed_size;
+        if size > LARGEST_RECORD {
+            return Ok(());
+        }
+        let (taken, allowed) = (self.taken.saturating_add(size), self.allowed);
+        if taken > allowed {
+            return Err(Damage {
+                offset: chunk.offset,
+                length: chunk.header.compressed_size,
+                what: format!("the chunks together unpack to more than {allowed} bytes"),
+            });
+        }
+        self.taken = taken;
+        Ok(())
+    }
+}
+
 /// Reads a chunk, unpacks it and checks its CRC. Memory is taken as bytes arrive, not as the header claims.
 pub(super) fn unpack(source: &Source, chunk: &Chunk) -> Result<Bytes, Error> {
     let header = &chunk.header;

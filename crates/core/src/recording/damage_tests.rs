@@ -255,6 +255,111 @@ fn a_bomb_is_defused() {
     );
 }
 
+/// What ends a file that counts so many messages, so that its indexes are believed.
+fn ended(mut bytes: Vec<u8>, messages: u64) -> Vec<u8> {
+    let mut statistics = messages.to_le_bytes().to_vec();
+    statistics.resize(46, 0);
+    bytes.extend(record(op::STATISTICS, &statistics));
+    bytes.extend(record(op::FOOTER, &[0; 20]));
+    bytes.extend(mcap::MAGIC);
+    bytes
+}
+
+#[test]
+fn bombs_are_defused_where_indexes_are_whole_and_in_recovery() {
+    let content = record(0x99, &vec![0; 80 << 20]);
+    let bomb = zstd::bulk::compress(&content, 1).unwrap();
+    let bombs = vec![chunk("zstd", &bomb, content.len() as u64); 50];
+    let told = damage(&ended(file(&bombs), 0));
+    assert!(told.contains("together"), "{told}");
+    let place = Place::new();
+    let part = place.path.with_extension("mcap.part");
+    std::fs::write(&part, file(&bombs)).unwrap();
+    let start = thread_time();
+    let recovered = recover(&part).unwrap();
+    let spent = thread_time() - start;
+    assert!(spent < Duration::from_secs(5), "{spent:?}");
+    // Whole chunks are in the tail: what was too much, and none of them was lost.
+    let (_, length) = recovered.tail.unwrap();
+    let one = bombs[0].len() as u64;
+    assert!(length > 40 * one && length % one == 0, "{length} {one}");
+}
+
+/// The records that define a channel of notes.
+fn note_channel() -> Vec<u8> {
+    let schema = [&[1, 0][..], &text("scand.Note"), &text("json"), &[0; 4]].concat();
+    let channel = [&[1, 0, 1, 0][..], &text("/note"), &text("json"), &[0; 4]].concat();
+    [record(op::SCHEMA, &schema), record(op::CHANNEL, &channel)].concat()
+}
+
+/// A chunk with notes at these times, which say their times, and so many bytes behind them that say nothing.
+fn chunk_of_notes(times: impl Iterator<Item = u64>, more: usize) -> Vec<u8> {
+    let mut content = note_channel();
+    for time in times {
+        let note = format!(r#"{{"capture": "cup-1", "kind": "text", "text": "{time}"}}"#);
+        let header = [&[1_u8, 0, 0, 0, 0, 0][..], &time.to_le_bytes(), &[0; 8]].concat();
+        let body = [header, note.into_bytes()].concat();
+        content.extend(record(op::MESSAGE, &body));
+    }
+    content.extend(record(0x99, &vec![0; more]));
+    let packed = zstd::bulk::compress(&content, 1).unwrap();
+    chunk("zstd", &packed, content.len() as u64)
+}
+
+#[test]
+fn a_chunk_is_not_unpacked_anew_for_each_of_its_messages() {
+    // Larger than all that is kept of several.
+    let large = chunk_of_notes(0..3000, 60 << 20);
+    assert!(damage(&file(&[large])).contains("without its footer"));
+    // Several that take turns, which are not all kept.
+    let turns = (0..4_u64).map(|n| chunk_of_notes((0..2000).map(move |i| 4 * i + n), 16 << 20));
+    let place = Place::new();
+    let recording = place.open(&file(&turns.collect::<Vec<_>>())).unwrap();
+    let start = thread_time();
+    let read = recording.read_each(&Topic::Note, |m| recording.note(m));
+    let spent = thread_time() - start;
+    assert!(spent < Duration::from_secs(5), "{spent:?}");
+    let told = read.iter().map(|(message, note)| {
+        let text = &note.as_ref().unwrap().text;
+        assert_eq!(*text, message.log_time().0.to_string());
+        message.log_time().0
+    });
+    assert!(told.eq(0..8000));
+    let notes = Notes::of(&recording);
+    assert_eq!(notes.on("cup-1").said.len(), 8000);
+}
+
+#[test]
+fn a_damaged_chunk_is_unpacked_once_and_a_message_that_is_listed_twice_is_one() {
+    let packed = chunk_of_notes(0..1, 90 << 20);
+    let entries = |count: usize| {
+        let entry = [0_u64, note_channel().len() as u64].map(u64::to_le_bytes);
+        let length = (16 * count as u32).to_le_bytes();
+        [&[1_u8, 0][..], &length, &entry.concat().repeat(count)].concat()
+    };
+    let whole = |chunk: Vec<u8>, count: usize| {
+        let index = record(op::MESSAGE_INDEX, &entries(count));
+        ended(file(&[note_channel(), chunk, index]), count as u64)
+    };
+    let place = Place::new();
+    let recording = place.open(&whole(packed.clone(), 2)).unwrap();
+    assert!(recording.damage().is_empty(), "{:?}", recording.damage());
+    assert_eq!(recording.messages(&Topic::Note).len(), 1);
+    assert_eq!(read_all(&recording), (1, Vec::new()));
+    // Its CRC stands behind two times and its size.
+    let mut damaged = packed;
+    damaged[9 + 24] ^= 1;
+    let recording = place.open(&whole(damaged, 1)).unwrap();
+    let message = recording.messages(&Topic::Note)[0];
+    let start = thread_time();
+    for _ in 0..2000 {
+        let error = recording.note(&message).unwrap_err().to_string();
+        assert!(error.contains("CRC"), "{error}");
+    }
+    let spent = thread_time() - start;
+    assert!(spent < Duration::from_secs(5), "{spent:?}");
+}
+
 #[test]
 fn unknown_compressions_and_records_are_told_or_skipped() {
     assert!(damage(&file(&[chunk("brotli", &[0; 20], 20)])).contains("\"brotli\""));

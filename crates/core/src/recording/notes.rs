@@ -46,8 +46,8 @@ impl Notes {
     /// Reads the notes in a recording and those beside it.
     pub fn of(recording: &Recording) -> Self {
         let mut notes = Self::default();
-        for message in recording.messages(&Topic::Note) {
-            match recording.note(message) {
+        for (message, read) in recording.read_each(&Topic::Note, |m| recording.note(m)) {
+            match read {
                 Ok(note) => notes.add(&note, message.log_time()),
                 Err(error) => notes.problem(error.to_string()),
             }
@@ -130,8 +130,9 @@ struct Named {
 
 impl Named {
     fn of(recording: &Recording) -> Self {
-        let triggers = recording.messages(&Topic::Trigger).iter().rev();
-        let triggers = triggers.filter_map(|message| recording.trigger(message).ok());
+        let triggers = recording.read_each(&Topic::Trigger, |m| recording.trigger(m));
+        let triggers = triggers.into_iter().rev();
+        let triggers = triggers.filter_map(|(_, read)| read.ok());
         Self {
             // Of several triggers with one id the first one makes the capture.
             triggers: triggers.map(|t| (t.id.to_string(), t.time)).collect(),

@@ -1,7 +1,7 @@
 //! Opens a recording and reads its messages. It is indexed first; a message's chunk is read when the message is
 //! needed, so a recording may be larger than memory.
 
-use super::chunk;
+use super::chunk::{self, Budget};
 use super::index::{Attachment, Chunk, Index, MessageRef};
 use super::records::{self, MESSAGE_HEADER, RECORD_HEADER};
 use super::scan::LARGEST_RECORD;
@@ -66,7 +66,8 @@ impl Recording {
 
     fn of(source: Source) -> Result<Self, Error> {
         let mut index = Index::of(&source)?;
-        let is_checked = !index.is_trustworthy();
+        // What is too much to unpack is left out here, and so wherever the recording is read.
+        let is_checked = !index.is_trustworthy() || has_bombs(&source, &index.chunks);
         if is_checked {
             scan_chunks(&source, &mut index)?;
         }
@@ -258,6 +259,27 @@ impl Recording {
         }
     }
 
+    /// Reads every message of a topic with `read`, and returns what it made of each in the order of their log times.
+    /// They are read in the order in which they lie in the file: in that of times, chunks that take turns would be
+    /// unpacked again for each message.
+    pub fn read_each<T>(
+        &self,
+        topic: &Topic,
+        read: impl Fn(&MessageRef) -> Result<T, Error>,
+    ) -> Vec<(MessageRef, Result<T, Error>)> {
+        let messages = self.messages(topic).iter().copied();
+        let mut messages: Vec<(usize, MessageRef)> = messages.enumerate().collect();
+        messages.sort_by_key(|(_, message)| (message.chunk, message.offset));
+        let mut made: Vec<_> = messages
+            .into_iter()
+            .map(|(place, message)| (place, message, read(&message)))
+            .collect();
+        made.sort_by_key(|(place, ..)| *place);
+        made.into_iter()
+            .map(|(_, message, result)| (message, result))
+            .collect()
+    }
+
     /// Whether all of its chunks are packed.
     pub fn is_packed(&self) -> bool {
         let chunks = &self.index.chunks;
@@ -375,38 +397,77 @@ impl Recording {
 
     /// An unpacked chunk, from the cache if it is there.
     fn chunk(&self, number: u32) -> Result<Bytes, Error> {
-        if let Some(bytes) = self.cache.lock().get(number) {
-            return Ok(bytes);
+        let known = self.cache.lock().get(number);
+        let unpacked = match known {
+            Some(unpacked) => unpacked,
+            None => {
+                let unpacked = self.unpack(&self.index.chunks[number as usize])?;
+                self.cache.lock().put(number, unpacked.clone());
+                unpacked
+            }
+        };
+        unpacked.map_err(|damage| Error::Damaged {
+            path: self.source.path.clone(),
+            damage,
+        })
+    }
+
+    fn unpack(&self, chunk: &Chunk) -> Result<Unpacked, Error> {
+        // Before there are both: others that are in memory make room for it.
+        let size = chunk.header.uncompressed_size.min(LARGEST_RECORD);
+        self.cache.lock().make_room(size as usize);
+        match chunk::unpack(&self.source, chunk) {
+            Ok(bytes) => Ok(Ok(bytes)),
+            Err(Error::Damaged { damage, .. }) => Ok(Err(damage)),
+            Err(error) => Err(error),
         }
-        let bytes = chunk::unpack(&self.source, &self.index.chunks[number as usize])?;
-        self.cache.lock().put(number, bytes.clone());
-        Ok(bytes)
     }
 }
 
-/// The chunks that were unpacked last, up to a few megabytes.
+/// What is in a chunk, or what is wrong with it.
+type Unpacked = Result<Bytes, Damage>;
+
+/// The chunks that were unpacked last: some megabytes of them, or one that is larger. A small file may have very many
+/// messages in one chunk, so that it must not be unpacked for each of them; nor may one that is damaged.
 #[derive(Debug, Default)]
 struct ChunkCache {
     chunks: VecDeque<(u32, Bytes)>,
+    damaged: BTreeMap<u32, Damage>,
 }
 
 impl ChunkCache {
     const MOST_BYTES: usize = 48 << 20;
 
-    fn get(&mut self, number: u32) -> Option<Bytes> {
+    fn get(&mut self, number: u32) -> Option<Unpacked> {
+        if let Some(damage) = self.damaged.get(&number) {
+            return Some(Err(damage.clone()));
+        }
         let at = self.chunks.iter().position(|(n, _)| *n == number)?;
         let found = self.chunks.remove(at)?;
         self.chunks.push_back(found.clone());
-        Some(found.1)
+        Some(Ok(found.1))
     }
 
-    fn put(&mut self, number: u32, bytes: Bytes) {
-        self.chunks.push_back((number, bytes));
-        let mut size: usize = self.chunks.iter().map(|(_, b)| b.len()).sum();
-        while size > Self::MOST_BYTES
+    fn put(&mut self, number: u32, unpacked: Unpacked) {
+        match unpacked {
+            Ok(bytes) => {
+                self.make_room(bytes.len());
+                self.chunks.push_back((number, bytes));
+            }
+            Err(damage) => {
+                self.damaged.insert(number, damage);
+            }
+        }
+    }
+
+    /// Drops the oldest chunks until one of `size` bytes fits in, or none is left.
+    fn make_room(&mut self, size: usize) {
+        let kept: usize = self.chunks.iter().map(|(_, b)| b.len()).sum();
+        let mut total = kept + size;
+        while total > Self::MOST_BYTES
             && let Some((_, dropped)) = self.chunks.pop_front()
         {
-            size -= dropped.len();
+            total -= dropped.len();
         }
     }
 }
@@ -472,27 +533,21 @@ fn scan_chunks(source: &Source, index: &mut Index) -> Result<(), Error> {
     Ok(())
 }
 
-/// Leaves out the chunks that together unpack to far more than their file: pictures shrink a little, flat
-/// ones a lot, but a file that grows a hundredfold was made to.
+/// Whether the chunks together unpack to far more than their file.
+fn has_bombs(source: &Source, chunks: &[Chunk]) -> bool {
+    let mut budget = Budget::of(source);
+    chunks.iter().any(|chunk| budget.take(chunk).is_err())
+}
+
+/// Leaves out the chunks that together unpack to far more than their file.
 fn drop_bombs(source: &Source, index: &mut Index, chunks: &mut Vec<Chunk>) {
-    const ALLOWED: u64 = 256 << 20;
-    let allowed = ALLOWED.saturating_add(source.length.saturating_mul(100));
-    let mut total = 0u64;
-    chunks.retain(|chunk| {
-        let size = chunk.header.uncompressed_size;
-        let sum = total.saturating_add(size);
-        // One that is too large by itself is reported when it is read.
-        let keep = sum <= allowed || size > LARGEST_RECORD;
-        if keep && size <= LARGEST_RECORD {
-            total = sum;
-        } else if !keep {
-            index.add_damage(Damage {
-                offset: chunk.offset,
-                length: chunk.header.compressed_size,
-                what: format!("the chunks together unpack to more than {allowed} bytes"),
-            });
+    let mut budget = Budget::of(source);
+    chunks.retain(|chunk| match budget.take(chunk) {
+        Ok(()) => true,
+        Err(damage) => {
+            index.add_damage(damage);
+            false
         }
-        keep
     });
 }
 
@@ -520,6 +575,8 @@ fn sort_by_topic(index: &mut Index) -> BTreeMap<Topic, Vec<MessageRef>> {
     }
     for messages in topics.values_mut() {
         messages.sort_unstable();
+        // An index may list one message many times over.
+        messages.dedup();
     }
     if lost > 0 {
         let what = format!("the file defines no channel for {}", count(lost, "message"));

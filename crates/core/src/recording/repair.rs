@@ -4,7 +4,7 @@
 //! derived from the chunk before them.
 
 use super::Error;
-use super::chunk;
+use super::chunk::{self, Budget};
 use super::index::{Chunk, Index, most_of};
 use super::records::{self, put, put_head, put_indexes};
 use super::scan::{Scan, ScanEvent, Span};
@@ -94,6 +94,7 @@ pub(super) fn find_end(source: &Source) -> Result<Truncated, Error> {
 struct Repair<'a> {
     source: &'a Source,
     index: Index,
+    budget: Budget,
     patches: Vec<Patch>,
     /// CRC of the file up to `summed`, as it is to be.
     sum: Hasher,
@@ -127,6 +128,7 @@ impl<'a> Repair<'a> {
         Self {
             source,
             index: Index::new(source.length),
+            budget: Budget::of(source),
             patches: Vec::new(),
             sum: Hasher::new(),
             summed: 0,
@@ -168,6 +170,10 @@ impl<'a> Repair<'a> {
         };
         let mut chunk = Chunk::new(span.offset(), header);
         if chunk.offset + chunk.head_length() + chunk.header.compressed_size != span.end() {
+            return Ok(true);
+        }
+        // It is kept in the tail with what follows it.
+        if self.budget.take(&chunk).is_err() {
             return Ok(true);
         }
         let content = match chunk::unpack(self.source, &chunk) {
