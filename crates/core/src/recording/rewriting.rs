@@ -17,6 +17,19 @@ pub(super) fn lock(file: &File, part: &Path) -> Result<(), Error> {
     }
 }
 
+/// As [`lock`], of one that was left unfinished. A file system without locks cannot tell whether it is still being
+/// written; it counts as left, for nothing else would ever complete it.
+pub(super) fn lock_left(file: &File, part: &Path) -> Result<(), Error> {
+    unless_held(file.try_lock(), part)
+}
+
+fn unless_held(tried: Result<(), TryLockError>, part: &Path) -> Result<(), Error> {
+    match tried {
+        Err(TryLockError::WouldBlock) => Err(Error::BeingWritten { path: part.into() }),
+        Ok(()) | Err(TryLockError::Error(_)) => Ok(()),
+    }
+}
+
 /// Removes what was begun and not finished, if it is there.
 pub(super) fn remove_stale(path: &Path) -> Result<(), Error> {
     match std::fs::remove_file(path) {
@@ -51,5 +64,20 @@ pub(super) fn io(path: &Path) -> impl Fn(std::io::Error) -> Error {
     move |cause| Error::Io {
         path: path.clone(),
         cause,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_is_left_on_a_file_system_without_locks_can_be_completed() {
+        let part = Path::new("a.mcap.part");
+        // What NFS 3 says where nobody serves its locks.
+        let no_locks = std::io::Error::from_raw_os_error(37);
+        unless_held(Err(TryLockError::Error(no_locks)), part).unwrap();
+        let held = unless_held(Err(TryLockError::WouldBlock), part);
+        assert!(matches!(held, Err(Error::BeingWritten { .. })));
     }
 }

@@ -2,7 +2,7 @@
 //! trusted.
 
 use super::Error;
-use super::rewriting::{PART, io, lock};
+use super::rewriting::{PART, io, lock_left};
 use std::fs::{File, Metadata, TryLockError};
 use std::os::unix::fs::FileExt;
 use std::path::{Path, PathBuf};
@@ -49,7 +49,7 @@ impl Source {
         check_is_file(path)?;
         let file = File::options().read(true).write(true).open(path);
         let file = file.map_err(io(path))?;
-        lock(&file, path)?;
+        lock_left(&file, path)?;
         Ok(Self {
             path: path.into(),
             length: file.metadata().map_err(io(path))?.len(),
