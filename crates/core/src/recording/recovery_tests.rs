@@ -75,6 +75,27 @@ fn a_recovered_recording_and_its_tail_belong_to_whom_the_part_belonged() {
 }
 
 #[test]
+fn a_completed_copy_and_its_notes_belong_to_whom_the_originals_belong() {
+    let folder = tempfile::tempdir().unwrap();
+    let bytes = cut_off(folder.path());
+    let cut = folder.path().join("cut.mcap");
+    std::fs::write(&cut, &bytes[..bytes.len() - 200]).unwrap();
+    std::fs::write(beside(&cut), "").unwrap();
+    let of = |path: &Path| std::fs::metadata(path).map(|m| (m.uid(), m.gid(), m.mode() & 0o777));
+    for original in [&cut, &beside(&cut)] {
+        std::fs::set_permissions(original, std::fs::Permissions::from_mode(0o440)).unwrap();
+        // Only root can.
+        let _ = chown(original, Some(12_345), Some(23_456));
+    }
+    let (owner, group, _) = of(&cut).unwrap();
+    let recovered = recover_copy(&cut).unwrap();
+    for copy in [&recovered.path, &beside(&recovered.path)] {
+        // Its owner can write to it, too.
+        assert_eq!(of(copy).unwrap(), (owner, group, 0o640));
+    }
+}
+
+#[test]
 fn a_recording_that_was_just_begun_is_completed() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("a.mcap");
