@@ -3,7 +3,7 @@
 
 use super::Error;
 use super::files::{split, temporary_prefix};
-use std::fs::{self, File};
+use std::fs::{self, File, TryLockError};
 use std::path::{Path, PathBuf};
 
 /// Removes what killed writers of a file left beside it. What a living process writes stays.
@@ -44,6 +44,12 @@ pub(super) fn leftovers(parent: &Path, prefix: &str) -> Result<Vec<PathBuf>, Err
 /// Whether no process holds the lock of an unfinished file or folder: the system releases the locks of a dead process.
 fn is_abandoned(part: &Path) -> bool {
     File::open(part).is_ok_and(|part| part.try_lock().is_ok())
+}
+
+/// Whether a living process holds the lock of a folder. On a file system without locks none does.
+pub(super) fn is_held(folder: &Path) -> bool {
+    let is_locked = |folder: File| matches!(folder.try_lock(), Err(TryLockError::WouldBlock));
+    folder.is_dir() && File::open(folder).is_ok_and(is_locked)
 }
 
 /// Removes a file or a folder; it is not an error if it does not exist.

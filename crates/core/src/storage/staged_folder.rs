@@ -2,10 +2,15 @@
 //! final name is complete, whenever the power fails.
 
 use super::Error;
-use super::abandoned::{leftovers, remove, remove_abandoned};
+use super::abandoned::{is_held, leftovers, remove, remove_abandoned};
 use super::files::{split, sync_folder, temporary_name, temporary_prefix, write_durably};
 use std::fs::{self, File};
+use std::io;
+use std::io::ErrorKind::{AlreadyExists, DirectoryNotEmpty, NotADirectory, NotFound};
 use std::path::{Path, PathBuf};
+
+/// How often a folder is put into place while other processes put theirs there.
+const TRIES: usize = 8;
 
 /// A folder in the making. It lies beside its final place as `.NAME.part-PID-N` and is locked, so that
 /// another process can tell it from one whose maker died. Dropped without [`Self::commit`], it is removed.
@@ -16,6 +21,13 @@ pub struct StagedFolder {
     /// Held until the folder is in place or gone.
     _lock: File,
     committed: bool,
+}
+
+/// What had the name of a folder that replaces it.
+struct SetAside {
+    path: PathBuf,
+    /// Held while it is aside, so that no other process takes it for one of a process that died, and puts it back.
+    _lock: Option<File>,
 }
 
 impl StagedFolder {
@@ -71,41 +83,59 @@ impl StagedFolder {
     }
 
     /// Puts the folder into place. A folder that is already there is an error unless `replace`; it is then
-    /// set aside, and removed when the new one is in place.
+    /// set aside, and removed when the new one is in place. Of processes that replace it at the same time, the last
+    /// wins.
     ///
     /// # Errors
     /// If a folder is there and not to be replaced, or the file system refuses; the target is then as it was.
     pub fn commit(mut self, replace: bool) -> Result<(), Error> {
         let (parent, name) = split(&self.target)?;
         sync_folder(&self.part).map_err(Error::io("write", &self.part))?;
-        let aside = parent.join(temporary_name(&name, "old"));
-        let replaced = self.target.symlink_metadata().is_ok();
-        if replaced && !replace {
-            return Err(Error::Exists {
-                path: self.target.clone(),
-            });
-        }
-        if replaced {
-            fs::rename(&self.target, &aside).map_err(Error::io("set aside", &self.target))?;
-        }
-        if let Err(source) = fs::rename(&self.part, &self.target) {
-            if replaced {
-                let _ = fs::rename(&aside, &self.target);
+        let mut aside: Vec<SetAside> = Vec::new();
+        let mut placed = Ok(());
+        for _ in 0..TRIES {
+            if self.target.symlink_metadata().is_ok() {
+                if !replace {
+                    return Err(Error::Exists {
+                        path: self.target.clone(),
+                    });
+                }
+                aside.extend(self.set_aside(&parent, &name)?);
             }
-            // One that came since the check.
-            if !replace && self.target.symlink_metadata().is_ok() {
-                return Err(Error::Exists {
-                    path: self.target.clone(),
-                });
+            placed = fs::rename(&self.part, &self.target);
+            let came_since = |cause: &io::Error| {
+                matches!(
+                    cause.kind(),
+                    AlreadyExists | DirectoryNotEmpty | NotADirectory
+                )
+            };
+            if !placed.as_ref().is_err_and(came_since) {
+                break;
             }
-            return Err(Error::io("rename into place", &self.target)(source));
+        }
+        if let Err(cause) = placed {
+            if let Some(last) = aside.last() {
+                let _ = fs::rename(&last.path, &self.target);
+            }
+            return Err(Error::io("rename into place", &self.target)(cause));
         }
         self.committed = true;
         sync_folder(&parent).map_err(Error::io("write", &parent))?;
-        if replaced {
-            remove(&aside)?;
+        aside.iter().try_for_each(|old| remove(&old.path))
+    }
+
+    /// Gives what has the target's name another one; `None` if another process has just done so.
+    fn set_aside(&self, parent: &Path, name: &str) -> Result<Option<SetAside>, Error> {
+        let path = parent.join(temporary_name(name, "old"));
+        // Nothing else than a folder is opened: opening a pipe would wait for its writer.
+        let is_folder = self.target.is_dir();
+        let folder = is_folder.then(|| File::open(&self.target).ok()).flatten();
+        let lock = folder.filter(|folder| folder.try_lock().is_ok());
+        match fs::rename(&self.target, &path) {
+            Ok(()) => Ok(Some(SetAside { path, _lock: lock })),
+            Err(cause) if cause.kind() == NotFound => Ok(None),
+            Err(cause) => Err(Error::io("set aside", &self.target)(cause)),
         }
-        Ok(())
     }
 }
 
@@ -120,13 +150,26 @@ impl Drop for StagedFolder {
 /// Removes the unfinished folders of dead processes and restores a target that one of them had set aside.
 fn clean_up(parent: &Path, name: &str, target: &Path) -> Result<(), Error> {
     for path in leftovers(parent, &temporary_prefix(name, "old"))? {
+        if is_held(&path) {
+            continue;
+        }
         if target.symlink_metadata().is_ok() {
             remove(&path)?;
         } else {
-            fs::rename(&path, target).map_err(Error::io("restore", target))?;
+            restore(&path, target)?;
         }
     }
     remove_abandoned(parent, &temporary_prefix(name, "part"))
+}
+
+/// Puts back what was set aside. If it is gone, or something has its name, another process was faster.
+fn restore(aside: &Path, target: &Path) -> Result<(), Error> {
+    match fs::rename(aside, target) {
+        Err(cause) if !matches!(cause.kind(), NotFound | DirectoryNotEmpty) => {
+            Err(Error::io("restore", target)(cause))
+        }
+        _ => Ok(()),
+    }
 }
 
 #[cfg(test)]
@@ -216,6 +259,43 @@ mod tests {
         fs::write(aside.join("report.json"), b"{}").unwrap();
         drop(StagedFolder::create(&target).unwrap());
         assert_eq!(names(&target), ["report.json"]);
+        assert_eq!(names(home.path()), ["cup"]);
+    }
+
+    #[test]
+    fn a_folder_that_a_living_process_set_aside_is_left_to_it() {
+        let home = tempfile::tempdir().unwrap();
+        let target = home.path().join("cup");
+        fs::create_dir(&target).unwrap();
+        let staged = StagedFolder::create(&target).unwrap();
+        let aside = staged.set_aside(home.path(), "cup").unwrap().unwrap();
+        // Another process, while the name is free.
+        drop(StagedFolder::create(&target).unwrap());
+        assert!(aside.path.exists() && !target.exists());
+        assert!(staged.set_aside(home.path(), "cup").unwrap().is_none());
+        drop(aside);
+        drop(StagedFolder::create(&target).unwrap());
+        assert!(target.exists());
+    }
+
+    #[test]
+    fn of_folders_that_are_replaced_at_the_same_time_the_last_is_there_and_no_commit_fails() {
+        let home = tempfile::tempdir().unwrap();
+        let target = home.path().join("cup");
+        let staged = |number: usize| {
+            let staged = StagedFolder::create(&target).unwrap();
+            staged.write(&number.to_string(), b"").unwrap();
+            staged
+        };
+        let mut all: Vec<StagedFolder> = (0..100).map(staged).collect();
+        let half = all.split_off(50);
+        std::thread::scope(|scope| {
+            for folders in [all, half] {
+                let mut folders = folders.into_iter();
+                scope.spawn(move || folders.try_for_each(|folder| folder.commit(true)).unwrap());
+            }
+        });
+        assert_eq!(names(&target).len(), 1);
         assert_eq!(names(home.path()), ["cup"]);
     }
 }
