@@ -70,6 +70,7 @@ pub enum DaemonState {
 }
 
 /// Why listening ended.
+#[derive(Debug)]
 enum ListeningEnd {
     /// The caller wants no more events.
     Enough,
