@@ -35,7 +35,7 @@ pub struct DriftLimits {
     /// Default 5, range 0 to 1000.
     #[serde(deserialize_with = "range::within::<_, _, 0, 1000>")]
     pub depth_mm: f64,
-    /// Whether a check counts as incomplete if a depth camera read too few boards, or boards that are tilted too little,
+    /// Whether a check counts as incomplete if the boards that a depth camera read are too few, or tilted too little,
     /// to show whether its depth lies on its colour picture. Default yes.
     pub registration: bool,
 }
