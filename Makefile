@@ -72,6 +72,7 @@ test: deps lint ## the gate: install what the tests need, then `lint`, then all 
 	if command -v npm >/dev/null; then scripts/part.sh "the page's files" $(MAKE) ui; fi
 	scripts/part.sh "tests, built" $(CARGO) test --locked --workspace --features $(FEATURES) --no-run
 	scripts/part.sh "tests" $(CARGO) test --locked --workspace --features $(FEATURES)
+	scripts/part.sh "tests, fleet" $(CARGO) test --locked --workspace --features $(FEATURES) --test fleet -- --test-threads 4
 	scripts/part.sh "tests, without the laboratory" $(CARGO) test --locked --package scand --no-default-features --features $(FEATURES) --lib --quiet absent::
 	scripts/part.sh "tests, page" scripts/page-test.sh
 

@@ -108,6 +108,7 @@ pub fn run(args: Args) -> anyhow::Result<ExitCode> {
         bag,
         models: &args.models,
         kept: models::kept(&chosen),
+        ambiguous: models::ambiguous(&chosen),
         names: BTreeSet::new(),
         damaged: !unread.is_empty(),
         warnings: unread,
@@ -165,6 +166,8 @@ struct Packing<'a> {
     models: &'a Path,
     /// The captures whose models it has: the file names of their recordings, and their ids.
     kept: BTreeSet<(String, String)>,
+    /// File names that several of its recordings have.
+    ambiguous: BTreeSet<String>,
     /// Names that recordings have in the package.
     names: BTreeSet<String>,
     warnings: Vec<String>,
@@ -337,7 +340,7 @@ impl Packing<'_> {
         name: &str,
         mut folders: BTreeSet<String>,
     ) -> anyhow::Result<()> {
-        let objects = models::of_objects(&self.models.join(stem), &self.kept);
+        let objects = models::of_objects(&self.models.join(stem), &self.kept, &self.ambiguous);
         for problem in objects.unknown {
             self.leave_out_object(&problem);
         }

@@ -176,6 +176,14 @@ pub(super) fn kept(chosen: &[SelectedCaptures]) -> BTreeSet<(String, String)> {
     chosen.iter().flat_map(of_recording).collect()
 }
 
+/// The file names that several recordings of the package have: a model of several captures names its recordings by
+/// nothing else.
+pub(super) fn ambiguous(chosen: &[SelectedCaptures]) -> BTreeSet<String> {
+    let mut seen = BTreeSet::new();
+    let names = chosen.iter().map(|chosen| file_name(&chosen.path));
+    names.filter(|name| !seen.insert(name.clone())).collect()
+}
+
 pub(super) fn file_name(path: &Path) -> String {
     let name = path.file_name().unwrap_or_default();
     name.to_string_lossy().into_owned()
@@ -200,8 +208,13 @@ pub(super) struct ObjectModels {
     pub(super) unknown: Vec<String>,
 }
 
-/// The models of several captures in a recording's folder. Their files are not read yet.
-pub(super) fn of_objects(folder: &Path, kept: &BTreeSet<(String, String)>) -> ObjectModels {
+/// The models of several captures in a recording's folder. Their files are not read yet. Of those whose captures are in
+/// a recording of one of the `ambiguous` names nobody knows which these are.
+pub(super) fn of_objects(
+    folder: &Path,
+    kept: &BTreeSet<(String, String)>,
+    ambiguous: &BTreeSet<String>,
+) -> ObjectModels {
     let entries = std::fs::read_dir(folder).into_iter().flatten().flatten();
     let mut folders: Vec<PathBuf> = entries.map(|entry| entry.path()).collect();
     folders.retain(|path| path.is_dir());
@@ -209,7 +222,19 @@ pub(super) fn of_objects(folder: &Path, kept: &BTreeSet<(String, String)>) -> Ob
     let mut objects = ObjectModels::default();
     for folder in folders {
         match report(&folder) {
-            Ok(report) => objects.found.extend(of_object(folder, report, kept)),
+            Ok(report) => {
+                let Some(found) = of_object(folder, report, kept) else {
+                    continue;
+                };
+                let mut files = found.captures.iter().map(|(file, _)| file);
+                match files.find(|file| ambiguous.contains(*file)) {
+                    Some(file) => objects.unknown.push(format!(
+                        "{}: several recordings of the package are called {file}, and the model is of one of them",
+                        found.folder.display()
+                    )),
+                    None => objects.found.push(found),
+                }
+            }
             Err(problem) => {
                 let is_object = file_name(&folder).ends_with(OBJECT);
                 let is_unknown = is_object && !has_nothing(&folder);
@@ -247,4 +272,32 @@ fn of_object(
         captures: fused,
         missing,
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use serde_json::json;
+
+    #[test]
+    fn a_model_whose_recording_is_one_of_two_of_a_name_is_of_neither() {
+        let models = tempfile::tempdir().unwrap();
+        let folder = models.path().join("17.object");
+        std::fs::create_dir(&folder).unwrap();
+        let capture = json!({ "recording": "cup.mcap", "id": "cup-000", "is_fused": true });
+        let report = json!({ "verdict": {}, "fusion": { "captures": [capture] } });
+        std::fs::write(folder.join(REPORT), report.to_string()).unwrap();
+        let kept = BTreeSet::from([("cup.mcap".to_owned(), "cup-000".to_owned())]);
+        let found = of_objects(models.path(), &kept, &BTreeSet::new());
+        assert_eq!((found.found.len(), found.unknown.len()), (1, 0));
+        let found = of_objects(models.path(), &kept, &BTreeSet::from(["cup.mcap".into()]));
+        assert_eq!(found.found.len(), 0);
+        let [words] = &found.unknown[..] else {
+            panic!("{:?}", found.unknown);
+        };
+        assert!(
+            words.contains("17.object") && words.contains("cup.mcap"),
+            "{words}"
+        );
+    }
 }
