@@ -420,7 +420,7 @@ impl DepthInputs<'_> {
                 bias,
             });
         }
-        fuse_depths(scene, &mut seen);
+        fuse_depths(scene, self.fused_captures, &mut seen);
         Ok(seen)
     }
 
@@ -540,8 +540,8 @@ struct DepthOfHull {
     bias: Bias,
 }
 
-/// Gives each depth camera the depth that all of them agree on.
-fn fuse_depths(scene: &Scene, depths: &mut [DepthOfHull]) {
+/// Gives each depth camera the depth that all of them agree on whose captures' turns are known to each other.
+fn fuse_depths(scene: &Scene, fused_captures: &FusedCaptures, depths: &mut [DepthOfHull]) {
     if depths.len() < 2 {
         return;
     }
@@ -549,11 +549,13 @@ fn fuse_depths(scene: &Scene, depths: &mut [DepthOfHull]) {
         .depths
         .iter()
         .zip(&*depths)
-        .map(|(view, of_hull)| depth::CameraDepth {
+        .enumerate()
+        .map(|(number, (view, of_hull))| depth::CameraDepth {
             camera: &view.camera,
             enhanced: &of_hull.enhanced,
             bias: of_hull.bias.metres,
             remaining: of_hull.bias.remaining,
+            turned_with: fused_captures.depths.get(number).map_or(0, |d| d.rank),
         })
         .collect();
     let fused = depth::fuse(&seen);

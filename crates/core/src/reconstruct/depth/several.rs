@@ -17,6 +17,8 @@ pub struct CameraDepth<'a> {
     pub bias: f64,
     /// Metres that may be left of its bias after that.
     pub remaining: f64,
+    /// How the object was turned to other cameras is known if they have the same number.
+    pub turned_with: u8,
 }
 
 /// Two readings are of one surface if they differ by less than this many standard errors of their difference. From
@@ -93,7 +95,9 @@ fn agreed(
         let p = seen[own].camera.point(pixel, depth)?;
         let own_distance = (depth - start) * patch.across;
         let (mut sum, mut weights) = (own_weight * own_distance, own_weight);
-        for other in (0..seen.len()).filter(|other| *other != own) {
+        let is_comparable =
+            |other: &usize| *other != own && seen[*other].turned_with == seen[own].turned_with;
+        for other in (0..seen.len()).filter(is_comparable) {
             let Some((distance, theirs)) = distance(&seen[other], &patches[other], p) else {
                 continue;
             };
@@ -265,12 +269,22 @@ mod tests {
     /// The height of the middle pixel's depth, and its error, for each of two cameras that read a plane at the given
     /// heights with the given errors.
     fn fused(cameras: [&DepthCamera; 2], heights: [f64; 2], sigmas: [f32; 2]) -> [(f64, f32); 2] {
+        fused_of_turns(cameras, heights, sigmas, [0, 0])
+    }
+
+    fn fused_of_turns(
+        cameras: [&DepthCamera; 2],
+        heights: [f64; 2],
+        sigmas: [f32; 2],
+        turned_with: [u8; 2],
+    ) -> [(f64, f32); 2] {
         let read = [0, 1].map(|i| plane(cameras[i], heights[i], sigmas[i]));
         let seen = [0, 1].map(|i| CameraDepth {
             camera: cameras[i],
             enhanced: &read[i],
             bias: 0.0,
             remaining: 0.0,
+            turned_with: turned_with[i],
         });
         let found = fuse(&seen);
         let at = SIDE / 2;
@@ -316,6 +330,17 @@ mod tests {
     }
 
     #[test]
+    fn readings_of_captures_whose_turns_are_not_known_to_each_other_stay() {
+        let (above, aside) = (camera([0.0, 0.01, 0.8]), camera([0.4, 0.0, 0.7]));
+        let heights = [0.4e-3, -0.4e-3];
+        let found = fused_of_turns([&above, &aside], heights, [1e-3, 1e-3], [0, 1]);
+        for ((height, sigma), own) in found.into_iter().zip(heights) {
+            assert!((height - own).abs() < 1e-6, "{height} {own}");
+            assert_eq!(sigma, 1e-3);
+        }
+    }
+
+    #[test]
     fn each_depth_keeps_its_own_bias() {
         let cameras = [camera([0.0, 0.01, 0.8]), camera([0.1, 0.0, 0.8])];
         let read = cameras.each_ref().map(|c| plane(c, 0.0, 1e-3));
@@ -329,6 +354,7 @@ mod tests {
             enhanced,
             bias,
             remaining: 0.0,
+            turned_with: 0,
         };
         let found = fuse(&[seen(0, &read[0], 0.0), seen(1, &biased, 5e-3)]);
         let at = (SIDE / 2, SIDE / 2);

@@ -12,7 +12,7 @@ pub(super) fn silhouette(picture: &RgbImage, mask: &Mask) -> Result<Silhouette, 
         return Err("no pixel of its mask is 128 or more".to_owned());
     }
     let level = if is_soft(mask) {
-        mask.clone()
+        saturated(mask)
     } else {
         smoothed(mask, bounds)
     };
@@ -35,6 +35,31 @@ fn is_soft(mask: &Mask) -> bool {
         }
     }
     grey * 4 > steps
+}
+
+/// Pixels around one within which a contour may need its level.
+const BESIDE_CONTOUR: isize = 2;
+
+/// A soft mask with even sides: programs that cut out pictures leave an object at 252 to 255, and where a level changes
+/// an outline is taken to be near.
+fn saturated(mask: &Mask) -> Mask {
+    let is_object = |level: u8| level >= 128;
+    Mask::from_fn_parallel(mask.width(), mask.height(), |x, y| {
+        let level = mask[(x, y)];
+        if level == 0 || level == 255 {
+            return level;
+        }
+        let reach = -BESIDE_CONTOUR..=BESIDE_CONTOUR;
+        let around = reach
+            .clone()
+            .flat_map(|dy| reach.clone().map(move |dx| (dx, dy)));
+        let mut around = around.filter_map(|(dx, dy)| mask.get(x as isize + dx, y as isize + dy));
+        match around.all(|&other| is_object(other) == is_object(level)) {
+            true if is_object(level) => 255,
+            true => 0,
+            false => level,
+        }
+    })
 }
 
 /// A light blur (binomial, 3x3) that widens the step and smooths its stairs. Every pixel stays on its side,
@@ -72,6 +97,32 @@ fn binomial(grid: &Mask, x: usize, y: usize) -> u8 {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_soft_mask_is_even_but_for_its_contour() {
+        // A ramp of two pixels around a disc whose inside is not quite 255, in a backdrop that is not quite 0.
+        let mask = Mask::from_fn(60, 60, |x, y| {
+            let inside = 20.0 - (x as f64 - 29.5).hypot(y as f64 - 29.5);
+            let level = (128.0 + 64.0 * inside).clamp(0.0, 255.0) as u8;
+            let uneven = ((7 * x + 3 * y) % 4) as u8;
+            level.clamp(uneven, 255 - uneven)
+        });
+        let level = silhouette_of(&mask).level;
+        let (mut kept, mut even) = (0, 0);
+        for y in 0..60 {
+            for x in 0..60 {
+                let from_contour = 20.0 - (x as f64 - 29.5).hypot(y as f64 - 29.5);
+                if from_contour.abs() < 1.0 {
+                    assert_eq!(level[(x, y)], mask[(x, y)]);
+                    kept += 1;
+                } else if from_contour.abs() > 4.0 {
+                    assert!([0, 255].contains(&level[(x, y)]), "{x}, {y}");
+                    even += 1;
+                }
+            }
+        }
+        assert!(kept > 200 && even > 2000, "{kept}, {even}");
+    }
 
     fn silhouette_of(mask: &Mask) -> Silhouette {
         let picture = RgbImage::filled(mask.width(), mask.height(), [100; 3]);

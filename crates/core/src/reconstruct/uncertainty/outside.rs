@@ -7,6 +7,7 @@ use crate::mesh::Bvh;
 use crate::reconstruct::hull::Hull;
 use nalgebra::{Point2, Point3};
 use rayon::prelude::*;
+use std::sync::OnceLock;
 
 /// A place that is seen more edge-on than this cosine counts as seen at it.
 const GRAZING: f64 = 0.15;
@@ -14,6 +15,8 @@ const GRAZING: f64 = 0.15;
 /// The expected errors of a hull's outside.
 pub struct OutsideErrors<'a> {
     evidence: Evidence<'a>,
+    /// Of the plain hull, if it was faired; made when it is first needed.
+    plain: OnceLock<Option<Bvh>>,
 }
 
 impl<'a> OutsideErrors<'a> {
@@ -26,6 +29,7 @@ impl<'a> OutsideErrors<'a> {
                 readings: Vec::new(),
                 cell_size,
             },
+            plain: OnceLock::new(),
         }
     }
 
@@ -35,7 +39,8 @@ impl<'a> OutsideErrors<'a> {
         if places.is_empty() {
             return Vec::new();
         }
-        let plain = self.evidence.faired.map(|faired| Bvh::new(faired.plain));
+        let plain = || self.evidence.faired.map(|faired| Bvh::new(faired.plain));
+        let plain = self.plain.get_or_init(plain);
         let at = |&(pixel, depth): &(Point2<f64>, f64)| {
             let p = camera.point(pixel, depth);
             p.map_or(f64::INFINITY, |p| {
