@@ -16,6 +16,7 @@ use crate::recording::SessionHeader;
 use sha2::{Digest, Sha256};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 /// Where the rig's configuration is.
 #[derive(Clone, Debug)]
@@ -58,7 +59,7 @@ pub struct Prepared {
     /// Where the calibration is; `None` of a rig that is not calibrated yet.
     pub calibration: Option<PathBuf>,
     /// What a look cuts objects out with; `None` of a rig that is not calibrated yet.
-    pub cutting: Option<SegmentationSettings>,
+    pub cutting: Option<Arc<SegmentationSettings>>,
 }
 
 impl ConfigSource {
@@ -106,13 +107,15 @@ impl ConfigSource {
             add_calibration(&mut header, file, calibration)?;
         }
         let silhouette = serde_json::to_value(&config.silhouette).unwrap_or_default();
-        let cutting = calibration.map(|calibration| SegmentationSettings {
-            calibration: RigCalibration {
+        let cutting = calibration.map(|calibration| {
+            let calibration = RigCalibration {
                 volume: header.volume,
                 ..calibration.clone()
-            }
-            .to_toml(),
-            silhouette,
+            };
+            Arc::new(SegmentationSettings {
+                calibration: calibration.to_toml(),
+                silhouette,
+            })
         });
         Ok(Prepared {
             config,

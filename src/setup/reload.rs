@@ -74,7 +74,9 @@ impl ReloadableConfig {
         let reloaded = ReloadedSettings {
             capture: now.config.capture,
             recording: now.config.recording,
+            calibration: now.calibration,
             header: now.header,
+            cutting: now.cutting,
         };
         Ok((reloaded, now.config.service))
     }

@@ -7,6 +7,7 @@ mod capture_thread;
 
 use super::dispatcher::{Dispatcher, ReplyGuard, ReplyStream};
 use super::events::Events;
+use super::look::protocol::SegmentationSettings;
 use super::look::{LookMaker, LookPlan, LookScheduler, LookSubscription, Looks, Turns};
 use super::notes::NoteEffects;
 use super::presses::{Input, Press};
@@ -56,8 +57,12 @@ pub struct ReloadedSettings {
     pub capture: CaptureParameters,
     /// Where they are kept; the folder stays as it was.
     pub recording: RecordingParameters,
+    /// Where the calibration is; `None` of a rig that is not calibrated yet.
+    pub calibration: Option<PathBuf>,
     /// What every recording begins with, from the next capture on.
     pub header: SessionHeader,
+    /// What looks cut objects out with from now on.
+    pub cutting: Option<Arc<SegmentationSettings>>,
 }
 
 /// What the thread works with.

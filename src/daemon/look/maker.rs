@@ -14,6 +14,7 @@ use std::fs::File;
 use std::io::{self, BufWriter, Read, Seek, Write};
 use std::path::PathBuf;
 use std::process::Command;
+use std::sync::Arc;
 use std::thread::JoinHandle;
 use std::time::Duration;
 
@@ -26,7 +27,7 @@ pub struct LookPlan {
     /// The program that has the command `make-look`.
     pub program: PathBuf,
     /// What objects are cut out with; `None` for a rig that is not calibrated.
-    pub cutting: Option<SegmentationSettings>,
+    pub cutting: Option<Arc<SegmentationSettings>>,
 }
 
 /// A frame of which a picture is to be made.
@@ -35,6 +36,8 @@ pub(in crate::daemon) struct LookTask {
     pub(in crate::daemon) frame: Frame,
     /// The camera's view of the empty rig.
     pub(in crate::daemon) background: Option<Picture>,
+    /// What the object is cut out with.
+    pub(in crate::daemon) cutting: Option<Arc<SegmentationSettings>>,
     /// Whether the camera joined 2x2 pixels for it.
     pub(in crate::daemon) is_binned: bool,
     /// Why the camera does not join pixels although it was to.
@@ -143,6 +146,7 @@ impl Maker {
         let LookTask {
             frame,
             background,
+            cutting,
             is_binned,
             ..
         } = task;
@@ -152,7 +156,7 @@ impl Maker {
             joined: if is_binned { 2 } else { 1 },
             frame: pixels(&frame.picture),
             background: background.as_ref().map(pixels),
-            cutting: self.plan.cutting.clone(),
+            cutting: cutting.map(Arc::unwrap_or_clone),
         };
         let write = || -> io::Result<File> {
             let mut input = BufWriter::new(in_memory("scand look input")?);

@@ -1,14 +1,17 @@
 //! Looks at scripted cameras: which client gets what, that a press waits for one picture at most, and that looking ends
 //! by itself.
 
+use super::protocol::SegmentationSettings;
 use super::*;
+use crate::daemon::capturing::Order;
 use crate::daemon::rig::{Rig, RigLook, State};
 use crate::daemon::scripted::{Behaviour, TestBench, rig, start, start_at, start_in};
-use crate::daemon::{CameraKind, Watchdog};
+use crate::daemon::{CameraKind, ReloadedSettings, Watchdog};
 use crate::drivers::live::Pool;
 use crate::frame::CameraId;
 use std::os::unix::fs::PermissionsExt;
 use std::path::Path;
+use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 /// A program in the place of scand, which counts its calls and says what a picture shows.
@@ -258,6 +261,47 @@ fn a_look_leaves_the_memory_of_a_capture_alone() {
     let seen = look_until(&bench, |seen| cameras(seen, false).len() == 4);
     assert!(cameras(&seen, true).is_empty());
     assert!(words_of(&seen, "c00")[0].contains("capture.memory_mb"));
+}
+
+#[test]
+fn a_look_cuts_objects_out_with_what_a_reload_brings() {
+    let folder = tempfile::tempdir().unwrap();
+    let heads = folder.path().join("heads");
+    let script = format!("head -n 1 >>{}; {SHOWS}", heads.display());
+    let program = program(folder.path(), &script);
+    let mut kept = None;
+    let bench = start_in(folder, 4_000_000, |plan| {
+        let (capture, recording) = (plan.capture.clone(), plan.recording.clone());
+        kept = Some((capture, recording, plan.header.clone()));
+        plan.look = Some(LookPlan {
+            program,
+            cutting: None,
+        });
+    });
+    look_until(&bench, |seen| !cameras(seen, true).is_empty());
+    let before = std::fs::read_to_string(&heads).unwrap();
+    assert!(before.contains("\"cutting\":null"), "{before}");
+    let (capture, recording, header) = kept.unwrap();
+    let reloaded = ReloadedSettings {
+        capture,
+        recording,
+        calibration: None,
+        header,
+        cutting: Some(Arc::new(SegmentationSettings {
+            calibration: "what a reload brought".into(),
+            silhouette: serde_json::Value::Null,
+        })),
+    };
+    let (tell, told) = std::sync::mpsc::channel();
+    let answer = Box::new(move |result| drop(tell.send(result)));
+    let order = Order::Reload(Box::new(reloaded), answer);
+    bench.capturing.order(order);
+    told.recv_timeout(Duration::from_secs(30)).unwrap().unwrap();
+    let is_used = || {
+        let heads = std::fs::read_to_string(&heads).unwrap();
+        heads.contains("what a reload brought")
+    };
+    look_until(&bench, |_| is_used());
 }
 
 #[test]

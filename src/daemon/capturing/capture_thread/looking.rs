@@ -111,10 +111,13 @@ impl CaptureThread {
         };
         let background = self.plan.header.backgrounds.get(&camera);
         let background = background.map(|(_, picture)| picture.clone());
+        let plan = self.plan.look.as_ref();
+        let cutting = plan.and_then(|plan| plan.cutting.clone());
         if let Some(maker) = &mut self.looking.maker {
             maker.make(LookTask {
                 frame,
                 background,
+                cutting,
                 is_binned,
                 why_whole,
             });

@@ -167,11 +167,17 @@ impl CaptureThread {
         let CapturePlan {
             capture,
             recording,
+            calibration,
             header,
+            look,
             ..
         } = &mut self.plan;
         *capture = reloaded.capture;
         *recording = reloaded.recording;
+        *calibration = reloaded.calibration;
+        if let Some(look) = look {
+            look.cutting = reloaded.cutting;
+        }
         *header = SessionHeader {
             settings: std::mem::take(&mut header.settings),
             backgrounds: std::mem::take(&mut header.backgrounds),

@@ -117,10 +117,7 @@ fn unproved(model: &ModelMeasures) -> Option<Reason> {
     })
 }
 
-/// Share of the model's volume that pieces which no silhouette requires may have in a good model.
-const MOST_UNREQUIRED: f64 = 0.005;
-
-/// Pieces that may be phantoms: a note while they are small.
+/// Pieces that may be phantoms. This is only a note: their vertices are unseen, and of those a large share is amber.
 fn unrequired(model: &ModelMeasures) -> Option<Reason> {
     let pieces = &model.unrequired_pieces;
     let [low, high] = pieces.first()?.bounds;
@@ -136,11 +133,7 @@ fn unrequired(model: &ModelMeasures) -> Option<Reason> {
         middle[1],
         middle[2]
     );
-    let level = match volume > MOST_UNREQUIRED * model.mesh.volume {
-        true => Level::Amber,
-        false => Level::Green,
-    };
-    Some(reason(level, ReasonCode::PieceUnrequired, words))
+    Some(reason(Level::Green, ReasonCode::PieceUnrequired, words))
 }
 
 fn handles(model: &ModelMeasures, parameters: &Parameters) -> Option<Reason> {
