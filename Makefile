@@ -71,6 +71,7 @@ check: lint ## what needs neither root nor a camera library: `lint`, then the sh
 test: deps lint ## the gate: install what the tests need, then `lint`, then all tests, the rig's and the page's among them
 	if command -v npm >/dev/null; then scripts/part.sh "the page's files" $(MAKE) ui; fi
 	scripts/part.sh "tests, built" $(CARGO) test --locked --workspace --features $(FEATURES) --no-run
+	scripts/part.sh "tests of the fleet, built" $(CARGO) test --locked --workspace --features $(FEATURES) --test fleet --no-run
 	scripts/part.sh "tests" $(CARGO) test --locked --workspace --features $(FEATURES)
 	scripts/part.sh "tests, fleet" $(CARGO) test --locked --workspace --features $(FEATURES) --test fleet -- --test-threads 4
 	scripts/part.sh "tests, without the laboratory" $(CARGO) test --locked --package scand --no-default-features --features $(FEATURES) --lib --quiet absent::

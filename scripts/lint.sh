@@ -85,6 +85,8 @@ else
 fi
 lint page
 lint fleet
+# Cargo.toml says `test = false` of them, so that --all-targets leaves them out.
+part "clippy, tests of the fleet" "$cargo" clippy --locked --package scand --features fleet --test fleet -- -D warnings
 lint_installed fleet
 documented=live
 if has_aravis; then

@@ -2,7 +2,8 @@
 
 use super::EXIT_INCOMPLETE;
 use crate::recording::{
-    Error, Recovered, beside, finished_name, interrupted, recover, recover_copy, unfinished,
+    Error, Recovered, beside, finished_name, interrupted, may_be_being_written, recover,
+    recover_copy, unfinished,
 };
 use crate::words::count;
 use std::path::{Path, PathBuf};
@@ -75,6 +76,9 @@ fn complete(part: &Path) -> Result<Recovered, Error> {
             path: part.into(),
             cause: std::io::Error::other(cause),
         })?;
+    }
+    if may_be_being_written(part) {
+        return Err(Error::BeingWritten { path: part.into() });
     }
     recover(part)
 }

@@ -85,7 +85,7 @@ fn misfit_words(found: &DepthCheck) -> Option<String> {
     if found.is_displacement_hidden && found.misfit.is_none() {
         return Some(
             "; whether its depth lies on its colour picture (registration) was not checked: its boards are tilted too \
-             little, or too much alike, to show it"
+             little, or too much alike, to show it beyond the uncertainty of its calibration"
                 .into(),
         );
     }
@@ -239,7 +239,8 @@ mod tests {
             ..depth(0.001, false)
         };
         let words = depth_words(&Ok(hidden));
-        let expected = "(registration) was not checked: its boards are tilted too little, or too much alike, to show it";
+        let expected = "(registration) was not checked: its boards are tilted too little, or too much alike, to show it \
+            beyond the uncertainty of its calibration";
         assert!(words.ends_with(expected), "{words}");
         let misfit = |causes| DepthCheck {
             misfit: Some(Misfit {

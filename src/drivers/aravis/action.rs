@@ -10,8 +10,9 @@ use std::time::{Duration, Instant};
 
 const ACTION: u16 = 0x0100;
 const SCHEDULED: u8 = 0x80;
-/// The status of a command whose time has passed.
-const TOO_LATE: u16 = 0x8016;
+/// The status of a command whose time has passed, and of one that finds the camera's queue full. After a repetition, the
+/// command before it may be what it is late for, or what fills the queue.
+const AFTER_REPETITION: [u16; 2] = [0x8016, 0x8015];
 
 /// What makes cameras expose.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -88,9 +89,8 @@ pub fn send_action(
                 "it declined the action command with {}",
                 gvcp::status_words(answer.status)
             );
-            // Late is then the repetition, and not the command that went before it.
             let was_repeated = begin.elapsed() >= patience;
-            match answer.status == TOO_LATE && was_repeated {
+            match AFTER_REPETITION.contains(&answer.status) && was_repeated {
                 true => Ok(Some(words)),
                 false => Err(words),
             }
@@ -188,6 +188,8 @@ mod tests {
     }
 
     const PATIENCE: Duration = Duration::from_millis(50);
+    const TOO_LATE: u16 = AFTER_REPETITION[0];
+    const QUEUE_FULL: u16 = AFTER_REPETITION[1];
 
     #[test]
     fn a_command_is_sent_again_until_it_is_acknowledged() {
@@ -216,10 +218,13 @@ mod tests {
 
     #[test]
     fn a_camera_may_have_obeyed_where_an_acknowledgement_may_be_lost() {
-        let (address, thread) = peer(1, TOO_LATE);
-        let doubt = send_action(address, &COMMAND, 3, PATIENCE).unwrap();
-        assert!(doubt.unwrap().contains("too late"));
-        assert_eq!(thread.join().unwrap(), [COMMAND; 2]);
+        for (status, words) in [(TOO_LATE, "too late"), (QUEUE_FULL, "full")] {
+            let (address, thread) = peer(1, status);
+            let doubt = send_action(address, &COMMAND, 3, PATIENCE).unwrap();
+            let doubt = doubt.unwrap();
+            assert!(doubt.contains(words), "{doubt}");
+            assert_eq!(thread.join().unwrap(), [COMMAND; 2]);
+        }
         let silent = UdpSocket::bind((Ipv4Addr::LOCALHOST, 0)).unwrap();
         let SocketAddr::V4(address) = silent.local_addr().unwrap() else {
             panic!("an IPv4 socket has an IPv4 address")

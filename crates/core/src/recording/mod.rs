@@ -36,6 +36,7 @@ pub use packing::{Packed, pack};
 pub use proto::Pose;
 pub use reader::{ChannelInfo, Recording};
 pub use recovery::{Recovered, finished_name, recover, tails, unfinished, unfinished_name};
+pub use rewriting::may_be_being_written;
 pub use session::{FinishedCapture, RecordingSession, SessionHeader};
 pub use topic::{ColorPart, DepthPart, Topic};
 pub use writer::Writer;

@@ -4,6 +4,7 @@ use super::Error;
 use std::fs::{File, Metadata, TryLockError};
 use std::os::unix::fs::{MetadataExt, fchown};
 use std::path::{Path, PathBuf};
+use std::time::Duration;
 
 /// What the name of a recording ends with while it is written.
 pub(super) const PART: &str = ".part";
@@ -25,9 +26,37 @@ pub(super) fn lock_left(file: &File, part: &Path) -> Result<(), Error> {
 
 fn unless_held(tried: Result<(), TryLockError>, part: &Path) -> Result<(), Error> {
     match tried {
+        Ok(()) => Ok(()),
         Err(TryLockError::WouldBlock) => Err(Error::BeingWritten { path: part.into() }),
-        Ok(()) | Err(TryLockError::Error(_)) => Ok(()),
+        Err(TryLockError::Error(cause)) if has_no_locks(&cause) => Ok(()),
+        Err(TryLockError::Error(cause)) => Err(io(part)(cause)),
     }
+}
+
+/// What NFS 3 says where nobody serves its locks.
+const ENOLCK: i32 = 37;
+
+/// Whether an error of locking means that the file system has no locks.
+fn has_no_locks(cause: &std::io::Error) -> bool {
+    cause.kind() == std::io::ErrorKind::Unsupported || cause.raw_os_error() == Some(ENOLCK)
+}
+
+/// How long nothing may have been written to a recording on a file system without locks until it counts as left.
+const LEFT_AFTER: Duration = Duration::from_secs(60);
+
+/// Whether a recording may still be being written, which its file system has no locks to tell: something was written to
+/// it within the last minute.
+pub fn may_be_being_written(part: &Path) -> bool {
+    let Ok(file) = File::open(part) else {
+        return false;
+    };
+    let has_locks = match file.try_lock_shared() {
+        Err(TryLockError::Error(cause)) => !has_no_locks(&cause),
+        _ => true,
+    };
+    let written = file.metadata().and_then(|about| about.modified());
+    let age = written.ok().and_then(|at| at.elapsed().ok());
+    !has_locks && age.is_none_or(|age| age < LEFT_AFTER)
 }
 
 /// Removes what was begun and not finished, if it is there.
@@ -74,9 +103,10 @@ mod tests {
     #[test]
     fn what_is_left_on_a_file_system_without_locks_can_be_completed() {
         let part = Path::new("a.mcap.part");
-        // What NFS 3 says where nobody serves its locks.
-        let no_locks = std::io::Error::from_raw_os_error(37);
+        let no_locks = std::io::Error::from_raw_os_error(ENOLCK);
         unless_held(Err(TryLockError::Error(no_locks)), part).unwrap();
+        let other = std::io::ErrorKind::PermissionDenied.into();
+        assert!(unless_held(Err(TryLockError::Error(other)), part).is_err());
         let held = unless_held(Err(TryLockError::WouldBlock), part);
         assert!(matches!(held, Err(Error::BeingWritten { .. })));
     }

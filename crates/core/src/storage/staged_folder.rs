@@ -165,7 +165,13 @@ fn clean_up(parent: &Path, name: &str, target: &Path) -> Result<(), Error> {
 /// Puts back what was set aside. If it is gone, or something has its name, another process was faster.
 fn restore(aside: &Path, target: &Path) -> Result<(), Error> {
     match fs::rename(aside, target) {
-        Err(cause) if !matches!(cause.kind(), NotFound | DirectoryNotEmpty) => {
+        // What has the name, file systems call by different errors.
+        Err(cause)
+            if !matches!(
+                cause.kind(),
+                NotFound | AlreadyExists | DirectoryNotEmpty | NotADirectory
+            ) =>
+        {
             Err(Error::io("restore", target)(cause))
         }
         _ => Ok(()),

@@ -23,7 +23,7 @@ pub struct Fit {
     pub shape: FittedShape,
     /// Name of the placement that the rig's frame lies on.
     pub table: String,
-    /// Whether no camera, and nothing that was seen of the board, lies below that placement.
+    /// Whether no camera, and the board at no placement whose front was seen, lies below that placement.
     pub table_is_lowest: bool,
     /// Of all corners that were used.
     pub figures: Figures,

@@ -31,7 +31,7 @@ pub(super) fn judge(measured: &Measurements, parameters: &Parameters, into: &mut
             parameters,
         ));
     }
-    let reads_nothing = |d: &&DepthMeasures| d.coverage < LEAST_COVERAGE;
+    let reads_nothing = |d: &&DepthMeasures| d.coverage < LEAST_COVERAGE && d.regions.is_none();
     let (blind, seeing): (Vec<_>, Vec<_>) = measured.depths.iter().partition(reads_nothing);
     if !blind.is_empty() {
         into.push(without_depth(&blind, seeing.is_empty()));
@@ -82,9 +82,11 @@ fn without_depth(blind: &[&DepthMeasures], all: bool) -> Reason {
         (false, false) => "what only they see stays the visual hull",
     };
     let words = match is_one {
-        true => format!("depth camera {names} has hardly any reading of the object: {consequence}"),
+        true => {
+            format!("depth camera {names} has hardly any readings of the object: {consequence}")
+        }
         false => {
-            format!("depth cameras {names} have hardly any reading of the object: {consequence}")
+            format!("depth cameras {names} have hardly any readings of the object: {consequence}")
         }
     };
     Reason {

@@ -215,7 +215,8 @@ fn a_hollow_whose_depth_nothing_checks_is_told() {
         let mut measured = measured();
         measured.depth_cameras = 1;
         let mut depth = crate::report::DepthMeasures::nothing(id("kinect"));
-        (depth.facts.measured, depth.coverage) = (1000, 0.9);
+        // However little of the object it reads, it read a hollow.
+        (depth.facts.measured, depth.coverage) = (1000, 0.02);
         (depth.bias.source, depth.bias.remaining) = (source, 8e-3);
         depth.regions = Some(RegionMeasures {
             count: 1,
@@ -598,7 +599,7 @@ fn several_depth_cameras_that_gave_nothing_are_several_in_words() {
     let verdict = judged(&measured, &capture());
     let words = &verdict.reasons[0].words;
     assert!(
-        words.starts_with("depth cameras d00, d01 have hardly any reading of the object: "),
+        words.starts_with("depth cameras d00, d01 have hardly any readings of the object: "),
         "{words}"
     );
 }
