@@ -10,8 +10,8 @@ use std::time::{Duration, Instant};
 
 const ACTION: u16 = 0x0100;
 const SCHEDULED: u8 = 0x80;
-/// The status of a command whose time has passed, and of one that finds the camera's queue full. After a repetition, the
-/// command before it may be what it is late for, or what fills the queue.
+/// The status of a command whose time has passed, and of one that finds the camera's queue full. After a repetition,
+/// the command before it may be what it is late for, or what fills the queue.
 const AFTER_REPETITION: [u16; 2] = [0x8016, 0x8015];
 
 /// What makes cameras expose.

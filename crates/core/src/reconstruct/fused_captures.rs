@@ -44,8 +44,8 @@ pub struct DepthInRigFrame {
     pub scene_from_rig: Isometry3<f64>,
     /// The number of its capture.
     pub capture: usize,
-    /// Of two that see one hollow, the one of the lower rank carves it, and of one rank the one that sees more of it. Only
-    /// between captures of one rank is it known how the object was turned, so that their depths are averaged.
+    /// Of two that see one hollow, the one of the lower rank carves it, and of one rank the one that sees more of it.
+    /// Only between captures of one rank is it known how the object was turned, so that their depths are averaged.
     pub rank: u8,
 }
 

@@ -1,5 +1,5 @@
-//! The directions that were up when the object stood on its tables, and which parts of a surface face one. Knows neither
-//! readings nor outlines.
+//! The directions that were up when the object stood on its tables, and which parts of a surface face one. Knows
+//! neither readings nor outlines.
 
 use super::Bounds;
 use nalgebra::Vector3;

@@ -343,8 +343,8 @@ impl Evidence<'_> {
         }
     }
 
-    /// Whether a place lies on the table of one of several captures. A table bounds the object itself, and the volume does
-    /// not cut it there.
+    /// Whether a place lies on the table of one of several captures. A table bounds the object itself, and the volume
+    /// does not cut it there.
     fn is_on_table(&self, p: Point3<f64>) -> bool {
         let bounds = self.hull.bounds();
         let (height, _) = bounds.nearest_table(p);
