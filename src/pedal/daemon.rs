@@ -164,8 +164,8 @@ impl Daemon {
         }
     }
 
-    /// Marks the capture that was taken last as rejected, also if it failed or is on its way to the disk; `None` if there
-    /// was none since this program started.
+    /// Marks the capture that was taken last as rejected, also if it failed or is on its way to the disk; `None` if
+    /// there was none since this program started.
     ///
     /// # Errors
     /// If the daemon cannot be reached.

@@ -25,8 +25,8 @@ pub struct DriftLimits {
     #[serde(deserialize_with = "range::from_a_thousandth::<_, _, 1000>")]
     pub moved_px: f64,
     /// It must also be more than this many times what noise leaves of the board in a view by itself, of which at most
-    /// `moved_px` counts. Two cameras without a third one moved if they contradict each other by more than `moved_px`, or
-    /// by more than this many times what a motion of one of them leaves, and if that motion leaves clearly less.
+    /// `moved_px` counts. Two cameras without a third one moved if they contradict each other by more than `moved_px`,
+    /// or by more than this many times what a motion of one of them leaves, and if that motion leaves clearly less.
     /// Default 3, range 1 to 1000.
     #[serde(deserialize_with = "range::within::<_, _, 1, 1000>")]
     pub ratio: f64,
