@@ -155,3 +155,30 @@ fn a_session_is_noted_and_never_rejected() {
     assert!(reason.contains("is the session"), "{reason}");
     assert!(matches!(ask("text")[..], [Reply::Ok { .. }]));
 }
+
+#[test]
+fn a_note_on_a_capture_of_an_earlier_file_of_the_open_session_lies_beside_that_file() {
+    // Each capture has a file of its own.
+    let service = service(|plan| plan.recording.largest_file_mb = 0);
+    let taken: Vec<(String, PathBuf)> = (0..2)
+        .map(|_| match service.press_until_taken(None).pop() {
+            Some(Reply::Durable { capture, recording }) => (capture, recording),
+            other => panic!("{other:?}"),
+        })
+        .collect();
+    let [(first, earlier), (second, open)] = &taken[..] else {
+        unreachable!()
+    };
+    assert_ne!(earlier, open);
+    let mut client = service.client();
+    for capture in [first, second] {
+        let answer = replies(&mut client, &note_on(capture, "reject", "a hand"));
+        assert!(matches!(answer[..], [Reply::Ok { .. }]), "{answer:?}");
+    }
+    assert!(beside(earlier).exists() && !beside(open).exists());
+    replies(&mut client, &Request::Close {});
+    for (capture, path) in [(first, earlier), (second, open)] {
+        let notes = Notes::of(&Recording::open(path).unwrap());
+        assert!(notes.on(capture).is_rejected(), "{capture}");
+    }
+}

@@ -10,7 +10,7 @@ use crate::frame::Timestamp;
 use crate::log;
 use crate::make_model::mark_also;
 use crate::notes::{CaptureNote, NoteKind};
-use crate::recording::{Note, Recording, note_beside};
+use crate::recording::{Error, Note, Recording, note_beside};
 use crate::trigger::Event;
 use crate::workers::Jobs;
 use parking_lot::Mutex;
@@ -35,6 +35,16 @@ pub(super) fn write_beside(
             folder.display()
         )));
     }
+    write_beside_one_of(candidates, note, time, answer);
+}
+
+/// Writes a note beside the first of these recordings that has its capture, and answers.
+pub(super) fn write_beside_one_of(
+    candidates: Vec<PathBuf>,
+    note: Note,
+    time: Timestamp,
+    answer: impl FnOnce(Result<String, String>) + Send + 'static,
+) {
     let write = move || answer(write_to_one(&candidates, &note, time));
     if let Err(error) = std::thread::Builder::new().name("note".into()).spawn(write) {
         log::error!(
@@ -60,16 +70,20 @@ fn candidates(folder: &Path, name: &str) -> Vec<PathBuf> {
 }
 
 fn write_to_one(candidates: &[PathBuf], note: &Note, time: Timestamp) -> Result<String, String> {
-    let mut refused = String::new();
+    let (mut refused, mut without) = (None, None);
     for path in candidates {
         let written =
             Recording::open(path).and_then(|recording| note_beside(&recording, note, time));
         match written {
             Ok(written) => return Ok(written.words()),
-            Err(error) => refused = error.to_string(),
+            Err(error @ Error::NothingToNote { .. }) => without = Some(error),
+            Err(error) => refused = refused.or(Some(error)),
         }
     }
-    Err(refused)
+    // That another file does not have the capture explains nothing if the note could not be written.
+    Err(refused
+        .or(without)
+        .map_or_else(String::new, |e| e.to_string()))
 }
 
 /// Lets notes take effect.

@@ -21,7 +21,7 @@ pub(super) const QUEUE_FULL: &str = "the recorder's queue is full";
 
 /// Where a note goes.
 pub(super) enum NotePlace {
-    /// Into the recording in progress, which has the capture.
+    /// Into the file that the session writes, or beside the earlier one that has the capture.
     Session,
     /// Beside the complete recording in this folder that has the capture.
     Beside(PathBuf),
@@ -172,6 +172,10 @@ impl Writing {
                 written(press, &capture, result);
             }
             RecorderTask::Note(note, time, NotePlace::Session, answer) => {
+                let session = self.session.as_ref();
+                if let Some(file) = session.and_then(|s| s.earlier_file_of(&note.capture)) {
+                    return notes::write_beside_one_of(vec![file], note, time, answer);
+                }
                 let noted = self.with(|session| session.note(&note, time));
                 if let Err(error) = &noted {
                     log::error!("{error}");

@@ -2,9 +2,11 @@
 //! process that has the connection says when a worker has begun a job, and what became of it; the daemon ends the job.
 //! Neither waits for the other, and each may be started again at any time.
 
+use super::find::find;
 use super::job::{ENDING, Job};
 use super::jobs::is_hidden;
 use crate::log;
+use crate::recording::{Notes, Recording};
 use crate::storage::{self, write_atomically};
 use serde::{Deserialize, Serialize};
 use std::fs::File;
@@ -124,7 +126,8 @@ fn kept(file: &Path) -> Option<PathBuf> {
     Some(file.parent()?.join(FAILED).join(file.file_name()?))
 }
 
-/// Puts failed jobs back into the queue: that of `capture`, or all; how many.
+/// Puts failed jobs back into the queue: that of `capture`, or all; how many. Those of captures that a person rejected
+/// since stay, and each begins to wait for a worker anew.
 ///
 /// # Errors
 /// If the file system refuses.
@@ -142,7 +145,16 @@ pub fn offer_failed_again(recordings: &Path, capture: Option<&str>) -> std::io::
         let job = Job::parse(&std::fs::read(&kept)?).ok();
         let is_wanted = |job: &Job| capture.is_none_or(|wanted| wanted == job.capture);
         let queued = kept.file_name().map(|name| folder.join(name));
-        if let (true, Some(queued)) = (job.as_ref().is_some_and(is_wanted), queued) {
+        let (Some(job), Some(queued)) = (job.filter(is_wanted), queued) else {
+            continue;
+        };
+        if is_rejected(recordings, &job) {
+            log::notice!(
+                "capture {} was rejected, so its model is not asked for again",
+                job.capture
+            );
+        } else {
+            set_modified_now(&kept);
             let _ = std::fs::remove_file(queued.with_extension(ANSWER));
             let renamed = storage::rename_durably(&kept, &queued);
             renamed.map_err(std::io::Error::other)?;
@@ -150,6 +162,12 @@ pub fn offer_failed_again(recordings: &Path, capture: Option<&str>) -> std::io::
         }
     }
     Ok(count)
+}
+
+/// Whether a person rejected a job's capture; not if that cannot be read.
+fn is_rejected(recordings: &Path, job: &Job) -> bool {
+    let recording = find(recordings, job).and_then(|path| Recording::open(&path).ok());
+    recording.is_some_and(|recording| Notes::of(&recording).on(&job.capture).is_rejected())
 }
 
 /// What became of a job, if that is known.

@@ -146,7 +146,10 @@ impl Jobs {
         if path.exists() || path.with_extension(REJECTED).exists() {
             return Ok(());
         }
-        write_atomically(&path, &as_bytes(job))?;
+        write_atomically(&path, &as_bytes(job)).inspect_err(|_| {
+            // It may be there although it is not sure to stay; who is told that there is none must be right.
+            let _ = std::fs::remove_file(&path);
+        })?;
         self.state.lock().waiting += 1;
         self.changed.notify_all();
         Ok(())

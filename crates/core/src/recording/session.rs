@@ -61,6 +61,8 @@ pub struct RecordingSession {
     header: SessionHeader,
     files: usize,
     open: Option<Open>,
+    /// The file of each capture that was recorded.
+    recorded: BTreeMap<String, PathBuf>,
     /// Files that could not be completed: only their `.part` exists.
     left: Vec<PathBuf>,
     unfinished: Option<Error>,
@@ -96,6 +98,7 @@ impl RecordingSession {
             header,
             files: 0,
             open: None,
+            recorded: BTreeMap::new(),
             left: Vec::new(),
             unfinished: None,
         };
@@ -145,10 +148,26 @@ impl RecordingSession {
         }
         writer.capture(&capture.record, capture.time)?;
         writer.sync()?;
+        self.recorded
+            .insert(capture.record.id.clone(), path.clone());
         Ok(path)
     }
 
-    /// Writes what a person noted about a capture, and brings it to the disk.
+    /// The file of a capture, complete or not, if it is not the one that is being written: a note on it belongs beside
+    /// that file, for a file's notes are about its own captures.
+    pub fn earlier_file_of(&self, capture: &str) -> Option<PathBuf> {
+        let path = self.recorded.get(capture)?;
+        let is_open = self.open.as_ref().is_some_and(|open| open.path == *path);
+        let part = unfinished_name(path);
+        match part.exists() {
+            _ if is_open => None,
+            true => Some(part),
+            false => Some(path.clone()),
+        }
+    }
+
+    /// Writes what a person noted about a capture, and brings it to the disk. [`Self::earlier_file_of`] must not have
+    /// the capture.
     ///
     /// # Errors
     /// As for [`Self::append`].

@@ -278,6 +278,7 @@ fn a_session_whose_file_broke_is_completed_by_a_later_close() {
     let rig = Rig::new();
     let mut session = begin(folder.path(), &rig, 1 << 30);
     let path = session.append(&kept(&rig, "a", 10_000)).unwrap();
+    assert_eq!(session.earlier_file_of("a"), None);
     session.break_file();
     let note = Note {
         capture: "a".into(),
@@ -287,6 +288,7 @@ fn a_session_whose_file_broke_is_completed_by_a_later_close() {
     };
     session.note(&note, at(11_000)).unwrap_err();
     assert!(unfinished_name(&path).exists() && !path.exists());
+    assert_eq!(session.earlier_file_of("a"), Some(unfinished_name(&path)));
     // Something keeps the file from its name.
     std::fs::write(&path, "in the way").unwrap();
     for _ in 0..2 {
