@@ -427,6 +427,37 @@ fn a_link_leads_nothing_into_a_package() {
 }
 
 #[test]
+fn a_preview_that_cannot_be_marked_keeps_nothing_else_out() {
+    let desk = Desk::with_a_model();
+    desk.done(&["note", "ball-000", "accept", "--recording", "ball.mcap"]);
+    let preview = desk.path("out/ball/ball-000/preview.png");
+    let picture = std::fs::read(&preview).unwrap();
+    let name = |file: &str| format!("data/models/ball/ball-000/{file}");
+    let packed = |package: &str, words: &str| {
+        let output = desk.run(&["archive", "ball-000", "-o", package]);
+        let told = super::desk::said(&output);
+        assert_eq!(output.status.code(), Some(3), "{told}");
+        assert!(
+            told.contains(&format!("preview.png: {words}")) && told.contains("does not have it"),
+            "{told}"
+        );
+        let bag = files(&desk.path(package));
+        assert!(!bag.contains_key(&name("preview.png")));
+        assert!(bag.contains_key(&name("model.glb")));
+        let report: Value = serde_json::from_slice(&bag[&name("report.json")]).unwrap();
+        assert_eq!(report["notes"]["decision"], "accepted");
+        assert!(desk.run(&["verify", package]).status.success());
+    };
+    std::fs::write(&preview, &picture[..picture.len() / 2]).unwrap();
+    packed("damaged", "it cannot be marked with the notes");
+    // The link leads to a picture that could be marked.
+    std::fs::write(desk.path("elsewhere.png"), &picture).unwrap();
+    std::fs::remove_file(&preview).unwrap();
+    std::os::unix::fs::symlink(desk.path("elsewhere.png"), &preview).unwrap();
+    packed("linked", "it is a link");
+}
+
+#[test]
 fn a_recording_that_cannot_be_read_hides_no_other_and_is_told() {
     let desk = Desk::new();
     std::fs::write(desk.path("another.mcap"), "#ROSBAG V2.0\n").unwrap();

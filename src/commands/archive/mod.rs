@@ -12,7 +12,7 @@ use super::{EXIT_INCOMPLETE, first_aid};
 use crate::bag::Bag;
 use crate::calibrate::of_recording;
 use crate::frame::Timestamp;
-use crate::make_model::marked;
+use crate::make_model::{marked_preview, marked_report};
 use crate::notes::CaptureNotes;
 use crate::recording::{beside, notes_to_copy};
 use crate::storage;
@@ -397,21 +397,39 @@ impl Packing<'_> {
         model: &str,
         notes: &CaptureNotes,
     ) -> anyhow::Result<()> {
-        let marked = marked(folder, notes).with_context(|| folder.display().to_string())?;
-        let (report, preview) = match marked {
-            Some(marked) => (Some(marked.report.into_bytes()), marked.preview),
-            None => (None, None),
-        };
+        let report = marked_report(folder, notes).with_context(|| folder.display().to_string())?;
         for file in models::FILES {
             let place = format!("models/{name}/{model}/{file}");
             let path = folder.join(file);
-            match (file, &report, &preview) {
-                (model_files::REPORT, Some(bytes), _) | (models::PREVIEW, _, Some(bytes)) => {
-                    self.bag.put(&place, bytes)?;
+            let is_itself = models::is_file_itself(&path);
+            match (file, &report) {
+                (model_files::REPORT, Some(text)) => self.bag.put(&place, text.as_bytes())?,
+                (models::PREVIEW, Some(_)) if is_itself => {
+                    self.add_preview(&place, &path, notes)?;
                 }
-                _ if models::is_file_itself(&path) => self.bag.put_file(&place, &path)?,
+                _ if is_itself => self.bag.put_file(&place, &path)?,
                 _ if path.is_symlink() => self.leave_out(&path, model_files::IS_LINK),
                 _ => {}
+            }
+        }
+        Ok(())
+    }
+
+    /// Adds a preview that is marked with these notes. The rest of a model is worth packing without it.
+    fn add_preview(
+        &mut self,
+        place: &str,
+        path: &Path,
+        notes: &CaptureNotes,
+    ) -> anyhow::Result<()> {
+        let marked = std::fs::read(path)
+            .map_err(anyhow::Error::from)
+            .and_then(|bytes| Ok(marked_preview(&bytes, notes)?));
+        match marked {
+            Ok(picture) => self.bag.put(place, &picture)?,
+            Err(error) => {
+                let why = format!("it cannot be marked with the notes on its capture: {error}");
+                self.leave_out(path, &why);
             }
         }
         Ok(())

@@ -36,42 +36,47 @@ pub fn mark_also(folder: &Path, said: &[CaptureNote]) -> Result<(), Error> {
     })
 }
 
-/// The report and the preview of a model as [`mark`] would leave them.
-#[derive(Debug)]
-pub struct Marked {
-    /// The text of the report.
-    pub report: String,
-    /// The picture, if there is one.
-    pub preview: Option<Vec<u8>>,
-}
-
-/// What [`mark`] would write, for a copy of the model; `None` if the model says already what these notes say.
+/// The report in `folder` as [`mark`] would leave it, for a copy; `None` if it says already what these notes say.
 ///
 /// # Errors
-/// As for [`mark`].
-pub fn marked(folder: &Path, notes: &CaptureNotes) -> Result<Option<Marked>, Error> {
-    marked_with(folder, |_| notes.clone())
+/// If there is no report, or it cannot be read.
+pub fn marked_report(folder: &Path, notes: &CaptureNotes) -> Result<Option<String>, Error> {
+    let marked = marked_with(folder, |_| notes.clone())?;
+    Ok(marked.map(|(report, _)| report))
+}
+
+/// The picture of a preview as [`mark`] would leave it, for a copy.
+///
+/// # Errors
+/// If these bytes are no PNG, or that of too large a picture.
+pub fn marked_preview(bytes: &[u8], notes: &CaptureNotes) -> Result<Vec<u8>, Error> {
+    let mut sheet = output::decode_png(bytes, MOST_PIXELS)?;
+    report::stamp(&mut sheet, notes);
+    Ok(output::encode_png(&sheet)?)
 }
 
 fn mark_with(
     folder: &Path,
     change: impl FnOnce(&CaptureNotes) -> CaptureNotes,
 ) -> Result<(), Error> {
-    let Some(marked) = marked_with(folder, change)? else {
+    let Some((report, notes)) = marked_with(folder, change)? else {
         return Ok(());
     };
-    // The report last: it tells later calls that there is nothing left to mark.
-    if let Some(preview) = marked.preview {
+    // A person may keep reports without their pictures.
+    if let Ok(bytes) = std::fs::read(folder.join(PREVIEW)) {
+        let preview = marked_preview(&bytes, &notes)?;
         write_atomically(&folder.join(PREVIEW), &preview)?;
     }
-    write_atomically(&folder.join(report_file::NAME), marked.report.as_bytes())?;
+    // The report last: it tells later calls that there is nothing left to mark.
+    write_atomically(&folder.join(report_file::NAME), report.as_bytes())?;
     Ok(())
 }
 
+/// The text of the report with changed notes, and these; `None` if nothing changes.
 fn marked_with(
     folder: &Path,
     change: impl FnOnce(&CaptureNotes) -> CaptureNotes,
-) -> Result<Option<Marked>, Error> {
+) -> Result<Option<(String, CaptureNotes)>, Error> {
     let text = report_file::text(folder).map_err(Error::Unmarked)?;
     let mut members: Members = serde_json::from_str(&text)?;
     let before: CaptureNotes = members
@@ -84,17 +89,7 @@ fn marked_with(
         return Ok(None);
     }
     members.put(MEMBER, serde_json::to_string_pretty(&after)?)?;
-    let report = members.text()?;
-    let preview = match std::fs::read(folder.join(PREVIEW)) {
-        Ok(bytes) => {
-            let mut sheet = output::decode_png(&bytes, MOST_PIXELS)?;
-            report::stamp(&mut sheet, &after);
-            Some(output::encode_png(&sheet)?)
-        }
-        // A person may keep reports without their pictures.
-        Err(_) => None,
-    };
-    Ok(Some(Marked { report, preview }))
+    Ok(Some((members.text()?, after)))
 }
 
 /// The members of a JSON object in their order, each as the text that it was.

@@ -12,7 +12,7 @@ mod stages;
 
 pub use error::Error;
 pub use failure::{FailedJob, report_failure};
-pub use mark::{Marked, mark, mark_also, marked};
+pub use mark::{mark, mark_also, marked_preview, marked_report};
 pub use object::{
     FusedCapture, Fusion, Gathered, ObjectOutcome, ObjectRequest, Pose, Registering, Source,
     Wanted, WorstStretch, gather, object_folder_name, read_poses, subject_of,
