@@ -24,6 +24,12 @@ _RECORDS = {3: records.Schema, 4: records.Channel, 5: records.Message, 6: record
 _MESSAGE, _CHUNK, _DATA_END = 5, 6, 15
 #: What the chunks of a file may hold when they are unpacked, in bytes: this, and this many times the file's length.
 _UNPACKED, _UNPACKED_TIMES = 512 << 20, 100
+#: The topics of the format; what other programs add may have any name and any encoding.
+_TOPIC = re.compile(
+    "/(tf|volume|trigger|capture|note|log"
+    "|color/[a-z0-9_-]{1,32}/(image|background|mask|ignore|calibration|settings)"
+    "|depth/[a-z0-9_-]{1,32}/(image|color|calibration|response))"
+)
 #: A capture's id becomes the name of a folder.
 _CAPTURE_ID = re.compile("[A-Za-z0-9_-][A-Za-z0-9._-]{0,63}")
 
@@ -150,8 +156,9 @@ class Recording:
                 channels[record.id] = record
             elif isinstance(record, records.Metadata):
                 self.metadata[record.name] = dict(record.metadata)
-            elif record.channel_id in channels and channels[record.channel_id].schema_id in schemas:
-                channel = channels[record.channel_id]
+            elif (channel := channels.get(record.channel_id)) and not _TOPIC.fullmatch(channel.topic):
+                continue
+            elif channel and channel.schema_id in schemas:
                 decoded = self._decode(schemas[channel.schema_id], channel, record)
                 self._messages.setdefault(channel.topic, []).append((record.log_time, decoded))
             else:
@@ -171,13 +178,13 @@ class Recording:
         return self._schemas[schema.id].decode(schema.name, message.data)
 
     def topics(self):
-        """The names of the topics."""
+        """The names of the format's topics that have messages."""
         return sorted(self._messages)
 
     def cameras(self, kind):
         """The ids of the cameras of a kind, `color` or `depth`."""
         ids = (topic.split("/") for topic in self._messages)
-        return sorted({parts[2] for parts in ids if parts[1] == kind and parts[-1] == "image"})
+        return sorted({parts[2] for parts in ids if len(parts) == 4 and parts[1] == kind and parts[3] == "image"})
 
     def captures(self):
         """The captures, in the order of their triggers."""

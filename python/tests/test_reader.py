@@ -290,6 +290,31 @@ def test_chunks_of_every_packing_are_read(tmp_path, compression):
     assert capture.colors["c"].picture.tolist() == [[1, 2], [3, 4]]
 
 
+def test_what_other_programs_add_is_left_alone(tmp_path, recwarn):
+    with open(tmp_path / "a.mcap", "wb") as file:
+        writer = Writer(file)
+        writer.start("scand")
+        own = writer.register_schema("scand.Trigger", "jsonschema", b"{}")
+        foreign = writer.register_schema("sensor_msgs/Imu", "ros1msg", b"float64 x")
+        # Without a slash, in an encoding of its own, without a schema, and with too many parts or a part that is unknown.
+        for topic, encoding, schema in [
+            ("imu", "ros1", foreign),
+            ("/imu", "cdr", foreign),
+            ("/color", "json", 0),
+            ("/color/c/d/image", "json", own),
+            ("/depth/d/mask", "json", own),
+        ]:
+            channel = writer.register_channel(topic, encoding, schema)
+            writer.add_message(channel, log_time=7, data=b"\xff\x01", publish_time=7)
+        channel = writer.register_channel("/trigger", "json", own)
+        writer.add_message(channel, log_time=7, data=b'{"id": "a"}', publish_time=7)
+        writer.finish()
+    recording = scand.Recording(tmp_path / "a.mcap")
+    assert [capture.id for capture in recording.captures()] == ["a"]
+    assert recording.topics() == ["/trigger"] and recording.cameras("color") == []
+    assert not recwarn.list
+
+
 @pytest.mark.parametrize("compression", [CompressionType.LZ4, CompressionType.ZSTD])
 def test_a_chunk_that_unpacks_to_more_than_it_says_is_left_out(tmp_path, compression):
     path = with_messages(tmp_path / "a.mcap", compression, ("/log", b" " * (8 << 20) + b"0", None))
