@@ -19,6 +19,8 @@ from mcap.stream_reader import breakup_chunk
 from .protobuf import Schema
 
 _MAGIC = b"\x89MCAP0\r\n"
+#: The format of recordings that is read.
+_FORMAT = "1"
 #: The records that are looked at, by their opcodes; DATA_END is where the data end.
 _RECORDS = {3: records.Schema, 4: records.Channel, 5: records.Message, 6: records.Chunk, 12: records.Metadata}
 _MESSAGE, _CHUNK, _DATA_END = 5, 6, 15
@@ -156,6 +158,7 @@ class Recording:
                 channels[record.id] = record
             elif isinstance(record, records.Metadata):
                 self.metadata[record.name] = dict(record.metadata)
+                self._check_format()
             elif (channel := channels.get(record.channel_id)) and not _TOPIC.fullmatch(channel.topic):
                 continue
             elif channel and channel.schema_id in schemas:
@@ -169,6 +172,12 @@ class Recording:
             messages.sort(key=lambda pair: pair[0])
         #: What was noted beside the recording: (time, note).
         self._beside = self._read_beside()
+
+    def _check_format(self):
+        """Refuses a recording of another format; one that names none has format 1."""
+        found = self.metadata.get("scand", {}).get("format", _FORMAT)
+        if found != _FORMAT:
+            raise ValueError(f"{self.path} has the unknown format {found[:40]!r}, expected {_FORMAT!r}: a newer reader may read it")
 
     def _decode(self, schema, channel, message):
         if channel.message_encoding == "json":

@@ -290,6 +290,21 @@ def test_chunks_of_every_packing_are_read(tmp_path, compression):
     assert capture.colors["c"].picture.tolist() == [[1, 2], [3, 4]]
 
 
+def test_a_recording_of_an_unknown_format_is_refused_by_name(tmp_path):
+    def of_format(pairs):
+        with open(tmp_path / "a.mcap", "wb") as file:
+            writer = Writer(file)
+            writer.start("scand")
+            writer.add_metadata("scand", pairs)
+            writer.finish()
+        return scand.Recording(tmp_path / "a.mcap")
+
+    for pairs in ({"format": "1"}, {"writer": "other 7"}):
+        assert of_format(pairs).topics() == []
+    with pytest.raises(ValueError, match="a.mcap has the unknown format '2', expected '1'"):
+        of_format({"format": "2"})
+
+
 def test_what_other_programs_add_is_left_alone(tmp_path, recwarn):
     with open(tmp_path / "a.mcap", "wb") as file:
         writer = Writer(file)
