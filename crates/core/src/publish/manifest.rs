@@ -228,6 +228,9 @@ mod tests {
         ] {
             *text = Some(HOSTILE.into());
         }
+        for text in [&mut about.time, &mut about.input_sha256, &mut about.program] {
+            *text = HOSTILE.into();
+        }
         for json in [
             manifest(&object, &at()),
             collection(&[object], HOSTILE, &at()),

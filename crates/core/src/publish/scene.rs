@@ -43,7 +43,11 @@ pub fn scene(object: &PublishedObject) -> Value {
         "setups": [{ "units": "mm" }],
         "metas": [{
             "collection": collection,
-            "process": { "program": without_markup(&about.program), "captured": about.time, "inputSha256": about.input_sha256 },
+            "process": {
+                "program": without_markup(&about.program),
+                "captured": without_markup(&about.time),
+                "inputSha256": without_markup(&about.input_sha256),
+            },
             "images": images,
         }],
         "models": [{
@@ -104,12 +108,12 @@ mod tests {
     #[test]
     fn no_text_of_a_recording_is_markup_in_a_scene() {
         let mut object = object();
-        for text in [
-            &mut object.about.subject,
-            &mut object.about.title,
-            &mut object.about.rights,
-        ] {
+        let about = &mut object.about;
+        for text in [&mut about.subject, &mut about.title, &mut about.rights] {
             *text = Some(HOSTILE.into());
+        }
+        for text in [&mut about.time, &mut about.input_sha256, &mut about.program] {
+            *text = HOSTILE.into();
         }
         let text = scene(&object).to_string();
         assert!(!text.contains('<') && text.contains("script"), "{text}");
