@@ -307,8 +307,7 @@ class Recording:
 
     def _read_beside(self):
         """The notes of NAME.notes.jsonl, which lies beside NAME.mcap and beside NAME.mcap.part."""
-        complete = self.path.with_suffix("") if self.path.name.endswith(".mcap.part") else self.path
-        path = complete.with_name(complete.stem + ".notes.jsonl")
+        path = self.path.with_name(stem_of(self.path) + ".notes.jsonl")
         if not path.exists():
             return []
         if not path.is_file() or path.stat().st_size > _LARGEST_NOTES:
@@ -338,6 +337,11 @@ class Recording:
         if len(problems) > _MOST_PROBLEMS:
             _warn(f"{path}: {len(problems) - _MOST_PROBLEMS} more lines are left out")
         return said
+
+
+def stem_of(path):
+    """What names the folder of a recording's models: NAME of NAME.mcap, and of NAME.mcap.part, which is not complete."""
+    return Path(path.stem if path.name.endswith(".mcap.part") else path).stem
 
 
 def _warn(problem):

@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from . import Recording, read_model
+from .recording import stem_of
 
 
 def log_capture(rr, stream, capture, names, model=None):
@@ -54,11 +55,12 @@ def convert(recording, out, models=None):
     import rerun as rr
 
     names = {"jpeg": "image/jpeg", "png": "image/png"}
-    stream = rr.RecordingStream("scand", recording_id=Path(recording).stem)
+    name = stem_of(Path(recording))
+    stream = rr.RecordingStream("scand", recording_id=name)
     stream.save(str(out))
     count = 0
     for capture in Recording(recording).captures():
-        folder = Path(models) / Path(recording).stem / capture.id if models else None
+        folder = Path(models) / name / capture.id if models else None
         model = read_model(folder) if folder and (folder / "model.ply").is_file() else None
         log_capture(rr, stream, capture, names, model)
         count += 1
@@ -76,7 +78,7 @@ def main():
         sys.exit(f"to_rerun: {asked.recording} is no file: give the recording that is to be converted")
     if importlib.util.find_spec("rerun") is None:
         sys.exit("to_rerun: the package rerun-sdk is missing: install it with pip install rerun-sdk")
-    out = asked.out or Path(asked.recording.stem + ".rrd")
+    out = asked.out or Path(stem_of(asked.recording) + ".rrd")
     try:
         count = convert(asked.recording, out, asked.models)
     except (OSError, ValueError) as error:

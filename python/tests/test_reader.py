@@ -2,7 +2,9 @@
 
 import json
 import struct
+import sys
 from pathlib import Path
+from unittest.mock import MagicMock
 
 import numpy as np
 import pytest
@@ -394,6 +396,23 @@ def test_what_cannot_be_converted_for_rerun_is_said_in_a_line(monkeypatch, tmp_p
         monkeypatch.setattr("sys.argv", ["to_rerun", str(tmp_path / name)])
         with pytest.raises(SystemExit, match=f"to_rerun: .*{name}"):
             to_rerun.main()
+
+
+def test_a_recording_that_is_not_complete_is_converted_under_its_final_name(monkeypatch, tmp_path, capsys):
+    from scand import to_rerun
+
+    rerun = MagicMock()
+    monkeypatch.setitem(sys.modules, "rerun", rerun)
+    monkeypatch.setattr(to_rerun.importlib.util, "find_spec", lambda name: True)
+    (tmp_path / "cup.mcap.part").symlink_to(RECORDING)
+    folder = tmp_path / "out/cup/cup-000"
+    folder.mkdir(parents=True)
+    ply(folder / "model.ply")
+    monkeypatch.setattr("sys.argv", ["to_rerun", str(tmp_path / "cup.mcap.part"), "--models", str(tmp_path / "out")])
+    to_rerun.main()
+    assert capsys.readouterr().out.startswith("cup.rrd: 1 capture;")
+    assert rerun.RecordingStream.call_args.kwargs == {"recording_id": "cup"}
+    assert rerun.Mesh3D.call_count == 1
 
 
 def test_a_ply_says_any_letter_in_ascii(tmp_path):

@@ -279,6 +279,26 @@ fn the_other_datasets_have_their_files() {
 }
 
 #[test]
+fn a_recording_that_is_not_complete_is_exported_under_its_final_name() {
+    let home = Home::new();
+    std::fs::copy(home.path("ball.mcap"), home.path("other.mcap.part")).unwrap();
+    home.hold(
+        "export ball.mcap other.mcap.part --dataset colmap -o sets",
+        0,
+        &["sets/ball/ball-000: ", "sets/other/ball-000: "],
+    );
+    std::fs::copy(home.path("ball.mcap"), home.path("ball.mcap.part")).unwrap();
+    home.hold(
+        "export ball.mcap ball.mcap.part --dataset colmap -o none",
+        2,
+        &["ball.mcap.part", "another --out"],
+    );
+    let line = "export ball.mcap.part --dataset colmap --model out -o points";
+    let told = home.done(&[line]);
+    assert!(!told.contains("no points"), "{told}");
+}
+
+#[test]
 fn what_cannot_be_exported_is_said_with_what_to_do() {
     let home = Home::new();
     std::fs::write(home.path("broken.glb"), b"glTF\x02\0\0\0").unwrap();

@@ -3,6 +3,7 @@
 use super::{Args, exists};
 use crate::calibration::RigCalibration;
 use crate::capture::{CaptureSession, calibration_digest, input_digest, replace_cameras};
+use crate::commands::replay::recording_stem;
 use crate::commands::{BadConfiguration, wrong_usage};
 use crate::config::Config;
 use crate::dataset::{self, Kind, View};
@@ -45,18 +46,15 @@ pub(super) fn export(kind: Kind, args: &Args) -> anyhow::Result<()> {
     let mut all = sessions.iter().flat_map(|(_, _, wanted)| wanted);
     let mut ids = BTreeSet::new();
     let is_apart = !all.all(|id| ids.insert(id.to_string()));
-    let stem = |path: &Path| path.file_stem().unwrap_or_default().to_owned();
     let mut stems = BTreeSet::new();
-    if let Some((path, _, _)) = sessions
-        .iter()
-        .find(|(path, _, _)| !stems.insert(stem(path)))
-        && is_apart
-    {
-        return Err(wrong_usage(format!(
-            "{}: another recording of this run has the same name and captures of the same names: export it with another \
-             --out",
-            path.display()
-        )));
+    for (path, _, _) in sessions.iter().filter(|_| is_apart) {
+        if !stems.insert(recording_stem(path)?) {
+            return Err(wrong_usage(format!(
+                "{}: another recording of this run has the same name and captures of the same names: export it with \
+                 another --out",
+                path.display()
+            )));
+        }
     }
     check_writable(&args.out)?;
     let settings = Settings {
@@ -65,7 +63,7 @@ pub(super) fn export(kind: Kind, args: &Args) -> anyhow::Result<()> {
     };
     for (path, session, wanted) in &sessions {
         let out = match is_apart {
-            true => args.out.join(stem(path)),
+            true => args.out.join(recording_stem(path)?),
             false => args.out.clone(),
         };
         for id in wanted {
@@ -226,9 +224,9 @@ fn model_file(path: &Path, recording: &Path, capture: &str) -> anyhow::Result<Pa
     if !path.is_dir() {
         return Ok(path.to_owned());
     }
-    let stem = recording.file_stem().unwrap_or_default();
+    let stem = recording_stem(recording)?;
     let folders = [
-        path.join(stem).join(capture),
+        path.join(&stem).join(capture),
         path.join(capture),
         path.to_owned(),
     ];
@@ -236,9 +234,8 @@ fn model_file(path: &Path, recording: &Path, capture: &str) -> anyhow::Result<Pa
     let file = inside.into_iter().find(|file| file.is_file());
     file.with_context(|| {
         format!(
-            "{}: the folder has no model of capture {capture}: expected {}/{capture}/model.glb in it",
-            path.display(),
-            Path::new(stem).display()
+            "{}: the folder has no model of capture {capture}: expected {stem}/{capture}/model.glb in it",
+            path.display()
         )
     })
 }
