@@ -3,7 +3,7 @@
 
 use super::Error;
 use crate::description::Description;
-use crate::gltf_file::GltfFile;
+use crate::gltf_file::{GltfFile, QUANTIZATION};
 use crate::image::{RgbImage, rgb_from_file, size_of_file};
 use crate::mesh::Mesh;
 use crate::output::{glb, jpeg_quality};
@@ -90,8 +90,14 @@ pub(super) fn parse(bytes: &[u8]) -> Result<(GltfFile<'_>, Model, Description), 
             "it is not a binary glTF file: scand export reads the model.glb of a capture".into(),
         );
     }
-    let file = GltfFile::parse(bytes)?;
+    let file = GltfFile::parse_with(bytes, &[QUANTIZATION])?;
     let about = about(&file)?;
+    let mut required = file.root().extensions_required.iter();
+    if required.any(|name| name == QUANTIZATION) {
+        return Err(
+            "it is a compressed copy of a model, which is less exact: give the model.glb that it was made from".into(),
+        );
+    }
     let [mesh] = &file.root().meshes[..] else {
         let count = file.root().meshes.len();
         return Err(format!("it has {count} meshes; a model of scand has one"));
