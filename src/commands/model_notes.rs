@@ -1,14 +1,14 @@
 //! Finds the notes on the captures that a model is made of: in their recordings, where they may be newer than in the
 //! model's report, else in the report.
 
-use crate::capture::CaptureSession;
+use crate::capture::{self, CaptureSession};
 use crate::frame::CaptureId;
 use crate::notes::CaptureNotes;
-use crate::recording::{Recording, finished_name};
+use crate::recording::{Recording, finished_name, unfinished_name};
 use crate::sync;
 use crate::words::{count, printable};
 use serde_json::Value;
-use std::collections::BTreeSet;
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 /// What people said of a model's captures.
@@ -18,24 +18,28 @@ pub(super) struct FoundNotes {
     pub(super) notes: CaptureNotes,
     /// Whether one of the captures was rejected.
     pub(super) is_rejected: bool,
-    /// Recordings that were not found, so that only the report's notes are known.
-    pub(super) not_found: Vec<String>,
+    /// The recordings whose notes were not read, so that only the report's are known.
+    pub(super) unread: Unread,
 }
 
-/// Says of recordings that were not found that their notes were not read.
-pub(super) fn tell_not_found(not_found: &BTreeSet<String>, recordings: &Path) {
-    let Some(first) = not_found.first() else {
+/// Names of recordings, and why their notes were not read.
+pub(super) type Unread = BTreeMap<String, String>;
+
+/// Says why notes of recordings were not read.
+pub(super) fn tell_unread(unread: &Unread) {
+    let Some(why) = unread.values().next() else {
         return;
     };
-    let others = match not_found.len() - 1 {
+    let others = match unread.len() - 1 {
         0 => String::new(),
-        n => format!(" and {}", count(n, "other recording")),
+        n => format!(
+            "; those of {} were not read, either",
+            count(n, "other recording")
+        ),
     };
     eprintln!(
-        "scand: notes that are newer than the reports were not read, because the folder {} does not have {}{others}: give \
-         the right folder with --recordings",
-        recordings.display(),
-        printable(first)
+        "scand: notes that are newer than the reports were not read, because {}{others}",
+        printable(why)
     );
 }
 
@@ -51,16 +55,17 @@ pub(super) fn find(report: &Value, capture: &str, recordings: &Path) -> FoundNot
     let single = || Some((recording_name(&report["recording"])?, capture.to_owned()));
     for (name, id) in fused.into_iter().chain(single().filter(|_| is_single)) {
         let time = report["capture"]["time_ns"].as_str().filter(|_| is_single);
-        match of_recording(&recordings.join(&name), &id, time) {
-            Some(notes) if is_single => {
+        match of_recording(recordings, &name, &id, time) {
+            Ok(notes) if is_single => {
                 found.is_rejected = notes.is_rejected();
                 found.notes = notes;
             }
-            Some(notes) => found.is_rejected |= notes.is_rejected(),
-            None => found.not_found.push(name),
+            Ok(notes) => found.is_rejected |= notes.is_rejected(),
+            Err(why) => {
+                found.unread.entry(name).or_insert(why);
+            }
         }
     }
-    found.not_found.dedup();
     found
 }
 
@@ -84,15 +89,40 @@ fn recording_name(path: &Value) -> Option<String> {
     Some(path.file_name()?.to_string_lossy().into_owned())
 }
 
-/// The notes on a capture in its recording; `None` if there is no such recording, or it has no capture of this id that
-/// was triggered at `time`.
-fn of_recording(path: &Path, id: &str, time: Option<&str>) -> Option<CaptureNotes> {
-    if !path.is_file() {
-        return None;
+/// The notes on a capture that was triggered at `time`, in its recording, which may not be complete yet.
+///
+/// # Errors
+/// Why they were not read, and what to do.
+fn of_recording(
+    recordings: &Path,
+    name: &str,
+    id: &str,
+    time: Option<&str>,
+) -> Result<CaptureNotes, String> {
+    let complete = recordings.join(name);
+    let unfinished = unfinished_name(&complete);
+    let mut paths = [complete, unfinished].into_iter();
+    let path = paths.find(|path| path.is_file()).ok_or_else(|| {
+        let folder = recordings.display();
+        format!("the folder {folder} does not have {name}: give the right folder with --recordings")
+    })?;
+    let session = session(&path).map_err(|error| {
+        format!("{error}: see what scand info says of it, or give another folder with --recordings")
+    })?;
+    let other = |what: &str| {
+        let path = path.display();
+        format!("{path} {what}: give the folder of the model's own recording with --recordings")
+    };
+    let capture = CaptureId::new(id).ok().and_then(|id| session.capture(&id));
+    let capture = capture.ok_or_else(|| other(&format!("has no capture {id}")))?;
+    match time {
+        Some(time) if time != capture.time.0.to_string() => Err(other(&format!(
+            "is another recording, in which capture {id} was triggered at another time"
+        ))),
+        _ => Ok(capture.notes),
     }
-    let recording = Recording::open(path).ok()?;
-    let session = CaptureSession::of_any(recording, &sync::Parameters::default()).ok()?;
-    let capture = session.capture(&CaptureId::new(id).ok()?)?;
-    let is_same = time.is_none_or(|time| time == capture.time.0.to_string());
-    is_same.then_some(capture.notes)
+}
+
+fn session(path: &Path) -> Result<CaptureSession, capture::Error> {
+    CaptureSession::of_any(Recording::open(path)?, &sync::Parameters::default())
 }

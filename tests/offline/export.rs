@@ -459,6 +459,49 @@ fn a_rejected_model_is_exported_with_a_remark() {
     );
 }
 
+#[test]
+fn notes_that_were_not_read_are_told_with_the_reason() {
+    let home = Home::new();
+    home.done(&["note", "ball-000", "reject", "--recording", "ball.mcap"]);
+    std::fs::create_dir(home.path("there")).unwrap();
+    let line = "export out --format stl -f --recordings there";
+    let unread = "were not read, because ";
+    // The notes of a recording that is not complete lie beside it, under its final name.
+    for (from, to) in [
+        ("ball.mcap", "ball.mcap.part"),
+        ("ball.notes.jsonl", "ball.notes.jsonl"),
+    ] {
+        std::fs::copy(home.path(from), home.path("there").join(to)).unwrap();
+    }
+    home.hold(line, 0, &["the capture was rejected"]);
+    let recording = home.path("there/ball.mcap");
+    std::fs::write(&recording, "#ROSBAG V2.0\n").unwrap();
+    home.hold(
+        line,
+        0,
+        &[unread, "there/ball.mcap is not an MCAP file", "scand info"],
+    );
+    #[rustfmt::skip]
+    home.done(&[
+        "simulate", "--shape", "cup", "--cameras", "5", "--size", "160x120", "--masks", "--depth-cameras", "0",
+        "--out", "cup.mcap",
+    ]);
+    std::fs::copy(home.path("cup.mcap"), &recording).unwrap();
+    home.hold(
+        line,
+        0,
+        &[unread, "there/ball.mcap has no capture ball-000: give"],
+    );
+    std::fs::copy(home.path("ball.mcap"), &recording).unwrap();
+    home.hold(line, 0, &["the capture was rejected"]);
+    let report = home.path("out/ball/ball-000/report.json");
+    let text = std::fs::read_to_string(&report).unwrap();
+    let time = "\"time_ns\": \"";
+    std::fs::write(&report, text.replacen(time, &format!("{time}9"), 1)).unwrap();
+    let words = "there/ball.mcap is another recording, in which capture ball-000 was triggered at another time";
+    home.hold(line, 0, &[unread, words]);
+}
+
 fn copy_folder(from: &Path, to: &Path) {
     std::fs::create_dir_all(to).unwrap();
     for entry in std::fs::read_dir(from).unwrap() {

@@ -1,7 +1,8 @@
 //! Exports models: finds the files that are named, and writes those of each in the format that was asked for.
 
 use super::{Args, exists};
-use crate::commands::{EXIT_INCOMPLETE, model_notes};
+use crate::commands::EXIT_INCOMPLETE;
+use crate::commands::model_notes::{self, Unread};
 use crate::export::{self, Format, ReadModel, compress, level_of_detail};
 use crate::frame::CaptureId;
 use crate::level::Level;
@@ -93,15 +94,15 @@ fn refuse_other(path: &Path) -> anyhow::Result<()> {
 /// Writes each model. The exit code is 3 if some could not be read or written, and 1 if none could.
 pub(super) fn export(models: &[PathBuf], format: Format, args: &Args) -> ExitCode {
     let mut names = BTreeSet::new();
-    let mut not_found = BTreeSet::new();
+    let mut unread = Unread::new();
     let mut failed = 0;
     let places = places(models);
     for (path, folder) in &places {
         let told = export_one(path, &args.out.join(folder), &mut names, format, args);
         match told {
             Ok(capture) => {
-                let (remark, recordings) = remark(path, &capture, &args.recordings);
-                not_found.extend(recordings);
+                let (remark, also_unread) = remark(path, &capture, &args.recordings);
+                unread.extend(also_unread);
                 if let Some(remark) = remark {
                     eprintln!("scand: {}: {remark}", path.display());
                 }
@@ -113,7 +114,7 @@ pub(super) fn export(models: &[PathBuf], format: Format, args: &Args) -> ExitCod
             }
         }
     }
-    model_notes::tell_not_found(&not_found, &args.recordings);
+    model_notes::tell_unread(&unread);
     match failed {
         0 => ExitCode::SUCCESS,
         _ if failed == places.len() => ExitCode::FAILURE,
@@ -265,12 +266,12 @@ fn place(from: &Path, to: &Path, force: bool) -> std::io::Result<()> {
 }
 
 /// What a person who hands the model on should know of it, from the report beside it and the notes, which may be newer;
-/// and the recordings whose notes were not found.
-fn remark(path: &Path, capture: &str, recordings: &Path) -> (Option<&'static str>, Vec<String>) {
+/// and the recordings whose notes were not read.
+fn remark(path: &Path, capture: &str, recordings: &Path) -> (Option<&'static str>, Unread) {
     let report = std::fs::read(path.with_file_name("report.json")).ok();
     let report = report.and_then(|bytes| serde_json::from_slice::<Value>(&bytes).ok());
     let Some(report) = report else {
-        return (None, Vec::new());
+        return (None, Unread::new());
     };
     let found = model_notes::find(&report, capture, recordings);
     let remark = if found.is_rejected {
@@ -280,7 +281,7 @@ fn remark(path: &Path, capture: &str, recordings: &Path) -> (Option<&'static str
     } else {
         None
     };
-    (remark, found.not_found)
+    (remark, found.unread)
 }
 
 #[cfg(test)]

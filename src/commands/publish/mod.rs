@@ -76,7 +76,7 @@ pub fn run(args: Args) -> anyhow::Result<ExitCode> {
         has_manifests: args.address.is_some(),
     };
     let mut objects = Vec::new();
-    let mut not_found = BTreeSet::new();
+    let mut unread = model_notes::Unread::new();
     let mut ids = BTreeSet::new();
     let mut failed = 0;
     for path in &models {
@@ -99,7 +99,7 @@ pub fn run(args: Args) -> anyhow::Result<ExitCode> {
             continue;
         };
         let Made { object, files, .. } = made;
-        not_found.extend(made.not_found);
+        unread.extend(made.unread);
         if !ids.insert(object.id.clone()) {
             return Err(wrong_usage(format!(
                 "{}: the model of this capture was named before: name one of them",
@@ -117,7 +117,7 @@ pub fn run(args: Args) -> anyhow::Result<ExitCode> {
     anyhow::ensure!(!objects.is_empty(), "nothing is left to publish");
     write_gallery(&folder, &objects, &args, options)?;
     folder.commit(args.force)?;
-    model_notes::tell_not_found(&not_found, &args.recordings);
+    model_notes::tell_unread(&unread);
     print_result(&args, objects.len());
     Ok(match failed {
         0 => ExitCode::SUCCESS,

@@ -30,8 +30,8 @@ type Files = Vec<(String, Vec<u8>)>;
 pub(super) struct Made {
     pub(super) object: PublishedObject,
     pub(super) files: Files,
-    /// Recordings whose notes were not read, because they were not found.
-    pub(super) not_found: Vec<String>,
+    /// Recordings whose notes were not read.
+    pub(super) unread: model_notes::Unread,
 }
 
 /// Makes the published object of the model in `path`; `None` if the capture was rejected, unless `include_rejected` is
@@ -73,7 +73,7 @@ pub(super) fn make(
     Ok(Some(Made {
         object,
         files,
-        not_found: found.not_found,
+        unread: found.unread,
     }))
 }
 
