@@ -777,3 +777,23 @@ fn objects_whose_names_become_the_same_keep_a_folder_each() {
     }
     assert!(desk.run(&["verify", "bag"]).status.success());
 }
+
+#[test]
+fn captures_whose_ids_differ_only_in_case_keep_a_folder_each() {
+    let desk = Desk::new();
+    desk.rename_capture("ball.mcap", "ball-001", "Ball-000");
+    desk.done(&["replay", "ball.mcap", "--set", "hull.resolution=40", "-q"]);
+    desk.done(&["archive", "ball.mcap", "-o", "bag"]);
+    let bag = files(&desk.path("bag"));
+    let read = |path: String| -> Value { serde_json::from_slice(&bag[&path]).unwrap() };
+    for (name, id) in [("ball-000", "ball-000"), ("Ball-000-2", "Ball-000")] {
+        let sheet = read(format!("data/paradata/ball/{name}.json"));
+        assert_eq!(sheet["capture"]["id"], id);
+        assert_eq!(sheet["data"]["models"], format!("models/ball/{name}"));
+        let report = read(format!("data/models/ball/{name}/report.json"));
+        assert_eq!(report["description"]["capture"], id);
+    }
+    // A disk that ignores case would have one file of two.
+    let verified = desk.run(&["verify", "bag"]);
+    assert!(verified.status.success(), "{verified:?}");
+}

@@ -31,11 +31,32 @@ impl Desk {
 
     /// Adds pairs to a recording's session, as `scand session start NAME --about KEY=VALUE` does before captures.
     pub fn tell(&self, recording: &str, pairs: &[(&str, &str)]) {
+        let owned = |(key, value): &(&str, &str)| ((*key).to_owned(), (*value).to_owned());
+        let session = ("session".into(), pairs.iter().map(owned).collect());
+        self.rewrite(recording, vec![session], |_| {});
+    }
+
+    /// Gives a capture of a recording another id.
+    pub fn rename_capture(&self, recording: &str, from: &str, to: &str) {
+        self.rewrite(recording, Vec::new(), |message| {
+            if matches!(message.channel.topic.as_str(), "/trigger" | "/capture") {
+                let text = String::from_utf8_lossy(&message.data).replace(from, to);
+                message.data = text.into_bytes().into();
+            }
+        });
+    }
+
+    /// Writes a recording anew, with more records of metadata and with changed messages.
+    fn rewrite(
+        &self,
+        recording: &str,
+        more: Vec<(String, BTreeMap<String, String>)>,
+        change: impl Fn(&mut mcap::Message<'_>),
+    ) {
         let path = self.path(recording);
         let bytes = std::fs::read(&path).unwrap();
         let mut records = Recording::open(&path).unwrap().metadata().to_vec();
-        let owned = |(key, value): &(&str, &str)| ((*key).to_owned(), (*value).to_owned());
-        records.push(("session".into(), pairs.iter().map(owned).collect()));
+        records.extend(more);
         let options = mcap::WriteOptions::new().compression(None).profile("scand");
         let mut writer = options.create(File::create(&path).unwrap()).unwrap();
         for (name, metadata) in records {
@@ -44,7 +65,9 @@ impl Desk {
                 .unwrap();
         }
         for message in mcap::MessageStream::new(&bytes).unwrap() {
-            writer.write(&message.unwrap()).unwrap();
+            let mut message = message.unwrap();
+            change(&mut message);
+            writer.write(&message).unwrap();
         }
         writer.finish().unwrap();
     }

@@ -215,8 +215,8 @@ impl Packing<'_> {
         }
         let mut folders = BTreeSet::new();
         for capture in &chosen.captures {
-            folders.insert(capture.summary.id.as_str().to_lowercase());
-            self.add_capture(chosen, &stem, &file, capture)?;
+            let model = free_name(&mut folders, capture.summary.id.as_str(), "");
+            self.add_capture(chosen, &stem, &file, capture, &model)?;
         }
         self.add_objects(&stem, &file.name, folders)
     }
@@ -260,12 +260,14 @@ impl Packing<'_> {
         Ok(())
     }
 
+    /// Adds a capture's sheet and its model, whose folder is called `model` in the package.
     fn add_capture(
         &mut self,
         chosen: &SelectedCaptures,
         stem: &str,
         file: &RecordingFile,
         capture: &ChosenCapture,
+        model: &str,
     ) -> anyhow::Result<()> {
         let id = capture.summary.id.as_str();
         self.identifiers.insert(
@@ -278,10 +280,12 @@ impl Packing<'_> {
         let folder = self.models.join(stem).join(id);
         let made = self.report(chosen, capture, &folder);
         if made.is_some() {
-            self.add_model(&folder, &file.name, id, &capture.summary.notes)?;
+            self.add_model(&folder, &file.name, model, &capture.summary.notes)?;
         }
-        let sheet = paradata::of(&chosen.session, &capture.summary, made.as_ref(), file);
-        self.add_sheet(&file.name, id, &sheet)
+        let place = format!("{}/{model}", file.name);
+        let made = made.as_ref();
+        let sheet = paradata::of(&chosen.session, &capture.summary, made, file, &place);
+        self.add_sheet(&file.name, model, &sheet)
     }
 
     fn add_sheet(&mut self, name: &str, what: &str, sheet: &Value) -> anyhow::Result<()> {

@@ -112,12 +112,14 @@ fn outcome(session: &CaptureSession, capture: &CaptureSummary, file: &RecordingF
     }
 }
 
-/// The sheet of a capture, from its recording, and the report and input of its model, if there is one.
+/// The sheet of a capture, from its recording, and the report and input of its model, if there is one; the model's folder
+/// is `models/PLACE`.
 pub(super) fn of(
     session: &CaptureSession,
     capture: &CaptureSummary,
     made: Option<&(Value, ModelInput)>,
     file: &RecordingFile,
+    place: &str,
 ) -> Value {
     let recording = session.recording();
     let report = made.map(|(report, _)| report);
@@ -190,7 +192,7 @@ pub(super) fn of(
             "original_file_name": file.original_file_name,
             "cut_off": file.cut_off(),
             "rescued_bytes": file.rescued_bytes(),
-            "models": report.map(|_| format!("models/{}/{}", file.name, capture.id)),
+            "models": report.map(|_| format!("models/{place}")),
             "units": "metres; the recording's frame has z up, the glTF has y up",
             "damage": file.damage.iter().map(ToString::to_string).collect::<Vec<_>>(),
         },
