@@ -177,7 +177,8 @@ class Recording:
         """Refuses a recording of another format; one that names none has format 1."""
         found = self.metadata.get("scand", {}).get("format", _FORMAT)
         if found != _FORMAT:
-            raise ValueError(f"{self.path} has the unknown format {found[:40]!r}, expected {_FORMAT!r}: a newer reader may read it")
+            told = f"{self.path} has the unknown format {found[:40]!r}, expected {_FORMAT!r}"
+            raise ValueError(f"{told}: a newer reader may read it")
 
     def _decode(self, schema, channel, message):
         if channel.message_encoding == "json":
@@ -340,7 +341,7 @@ class Recording:
 
 
 def stem_of(path):
-    """What names the folder of a recording's models: NAME of NAME.mcap, and of NAME.mcap.part, which is not complete."""
+    """What names the folder of a recording's models: NAME of NAME.mcap, and of NAME.mcap.part until it is complete."""
     return Path(path.stem if path.name.endswith(".mcap.part") else path).stem
 
 

@@ -313,7 +313,7 @@ def test_what_other_programs_add_is_left_alone(tmp_path, recwarn):
         writer.start("scand")
         own = writer.register_schema("scand.Trigger", "jsonschema", b"{}")
         foreign = writer.register_schema("sensor_msgs/Imu", "ros1msg", b"float64 x")
-        # Without a slash, in an encoding of its own, without a schema, and with too many parts or a part that is unknown.
+        # Without a slash, in an encoding of its own, without a schema, with too many parts, with an unknown part.
         for topic, encoding, schema in [
             ("imu", "ros1", foreign),
             ("/imu", "cdr", foreign),

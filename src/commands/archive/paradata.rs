@@ -112,8 +112,8 @@ fn outcome(session: &CaptureSession, capture: &CaptureSummary, file: &RecordingF
     }
 }
 
-/// The sheet of a capture, from its recording, and the report and input of its model, if there is one; the model's folder
-/// is `models/PLACE`.
+/// The sheet of a capture, from its recording, and the report and input of its model, if there is one; the model's
+/// folder is `models/PLACE`.
 pub(super) fn of(
     session: &CaptureSession,
     capture: &CaptureSummary,
