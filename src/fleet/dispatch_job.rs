@@ -231,15 +231,18 @@ impl<T: Fn(JobEvent) + Sync> JobState<'_, T> {
         Err(self.withdraw(offer).await)
     }
 
-    /// Whether the server has the job, or its result.
+    /// Whether the server has the job, or its result. The report of a crash that was counted is none: it may stay there
+    /// for days, and nobody does the job.
     async fn is_there(&self, offer: &JobOffer) -> Result<bool, ServerError> {
         let fleet = &self.offers.fleet;
         // The job first: a worker brings the result before it acknowledges the job.
         let job = fleet.stored(JOBS, &self.subject(offer)).await?;
-        Ok(job.is_some() || self.result(offer).await?.is_some())
+        let is_news = |report: JobReport| !self.was_counted(&report);
+        Ok(job.is_some() || self.result(offer).await?.is_some_and(is_news))
     }
 
-    async fn result(&self, offer: &JobOffer) -> Result<Option<JobReport>, ServerError> {
+    /// What the server has as the job's result.
+    pub(super) async fn result(&self, offer: &JobOffer) -> Result<Option<JobReport>, ServerError> {
         let fleet = &self.offers.fleet;
         let subject = subjects::result(&fleet.name, &offer.digest);
         let stored = fleet.stored(RESULTS, &subject).await?;

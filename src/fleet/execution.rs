@@ -14,18 +14,20 @@ use crate::storage::with_advice;
 use async_nats::jetstream::{AckKind, Message};
 use std::path::{Path, PathBuf};
 use std::sync::atomic::Ordering;
-use std::time::{Duration, Instant};
+use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 use tokio::task::spawn_blocking;
 
 /// How often a worker tells the server that it goes on with a job.
 const PROGRESS_INTERVAL: Duration = Duration::from_secs(3);
 
-/// Tells one delivery of a job from others.
+/// Tells one delivery of a job from others, also from those of a server that lost everything and counts anew.
 fn attempt(message: &Message) -> String {
+    let since = SystemTime::now().duration_since(UNIX_EPOCH);
+    let now = since.unwrap_or_default().as_nanos();
     let info = message.info();
     info.map_or_else(
-        |_| String::new(),
-        |info| format!("{}-{}", info.stream_sequence, info.delivered),
+        |_| now.to_string(),
+        |info| format!("{}-{}-{now}", info.stream_sequence, info.delivered),
     )
 }
 

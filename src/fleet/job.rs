@@ -229,6 +229,16 @@ impl JobReport {
             } => (worker, instance),
         }
     }
+
+    /// Tells an attempt that crashed from all others; `None` for a result.
+    pub(super) fn crashed_attempt(&self) -> Option<String> {
+        match self {
+            Self::Result { .. } => None,
+            Self::Crashed {
+                instance, attempt, ..
+            } => Some(format!("{instance} {attempt}")),
+        }
+    }
 }
 
 /// A worker's sign of life, a few seconds apart.

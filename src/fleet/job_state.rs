@@ -3,7 +3,7 @@
 
 use super::dispatcher::{Dispatcher, JobEvent, JobOutcome, Task};
 use super::distrust::is_marked;
-use super::job::JobOffer;
+use super::job::{JobOffer, JobReport};
 use super::memory_class::MemoryClass;
 use super::model_origin::ModelOrigin;
 use super::step;
@@ -133,6 +133,12 @@ impl<'a, T: Fn(JobEvent) + Sync> JobState<'a, T> {
     pub(super) fn is_over(&self) -> bool {
         let lasts = self.task.lasts.as_ref();
         self.offers.is_stopped() || lasts.is_some_and(|file| !file.exists())
+    }
+
+    /// Whether this is the report of a crash that was counted.
+    pub(super) fn was_counted(&self, reported: &JobReport) -> bool {
+        let attempt = reported.crashed_attempt();
+        attempt.is_some_and(|attempt| self.counted.contains(&attempt))
     }
 
     /// Counts a crash. Returns why the job failed if it is not to be tried again.

@@ -32,15 +32,15 @@ impl<T: Fn(JobEvent) + Sync> JobState<'_, T> {
             return Received::Again;
         }
         match reported {
-            JobReport::Crashed {
-                reason,
-                words,
-                attempt,
-                ..
-            } => {
-                if !self.counted.insert(format!("{instance} {attempt}")) {
+            JobReport::Crashed { reason, words, .. } => {
+                if self.was_counted(reported) {
+                    // What came in its place since then stays.
+                    if self.result(offer).await.ok().flatten().as_ref() == Some(reported) {
+                        fleet.erase(subject).await;
+                    }
                     return Received::Nothing;
                 }
+                self.counted.extend(reported.crashed_attempt());
                 fleet.erase(subject).await;
                 self.crashed(offer, format!("worker {worker}: {reason}"), words)
                     .await

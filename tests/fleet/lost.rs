@@ -219,13 +219,63 @@ fn a_job_whose_workers_go_away_for_ever_ends_as_failed() {
     assert!(Path::new(&bench.path("out/fleet-6/ball-000/report.json")).exists());
 }
 
-async fn begin_and_go_away(address: &str) {
+/// What is left on the server of a crash says nothing of the job that was offered since.
+#[test]
+fn a_job_that_the_server_loses_after_a_crash_is_offered_again_also_if_the_crash_is_told_twice() {
+    let Some(bench) = TestBench::start("") else {
+        return;
+    };
+    let one = ["--capture", "ball-000"];
+    let mut replay = spawned(bench.by_fleet(&simulated(6), "out", &one));
+    until_offered(&bench, &mut replay);
+    let runtime = tokio::runtime::Builder::new_current_thread()
+        .enable_all()
+        .build()
+        .unwrap();
+    runtime.block_on(crash_twice_and_lose_the_job(&bench.address()));
+    let _worker = bench.worker("w", &[]);
+    let output = finished(replay);
+    assert!(output.status.success(), "{}", said(&output));
+    assert_eq!(told(&output)[0]["result"], "done");
+}
+
+async fn crash_twice_and_lose_the_job(address: &str) {
+    use futures_util::StreamExt;
     let client = async_nats::connect(address).await.unwrap();
+    let context = async_nats::jetstream::new(client.clone());
+    let job = offered_job(&client).await;
+    let digest = job.rsplit('.').next().unwrap();
+    let mut offers = client.subscribe("scand.job.>").await.unwrap();
+    client.flush().await.unwrap();
+    let crashed = serde_json::json!({
+        "outcome": "crashed", "worker": "w", "instance": "i", "attempt": "1-1", "reason": "no memory", "words": "",
+    });
+    let crashed = crashed.to_string();
+    let store = async |subject: String, text: String| {
+        let stored = context.publish(subject, text.into()).await.unwrap();
+        stored.await.unwrap();
+    };
+    let result = format!("scand.result.archive.{digest}");
+    store(result.clone(), crashed.clone()).await;
+    let limit = Duration::from_secs(60);
+    let again = tokio::time::timeout(limit, offers.next()).await.unwrap();
+    assert_eq!(again.unwrap().subject.as_str(), job);
+    store(result, crashed).await;
+    store(job, String::new()).await;
+}
+
+/// The subject of a job that waits.
+async fn offered_job(client: &async_nats::Client) -> String {
     let asked = r#"{"last_by_subj":"scand.job.>"}"#;
     let subject = "$JS.API.STREAM.MSG.GET.SCAND_JOBS";
     let found = client.request(subject, asked.into()).await.unwrap();
     let found: serde_json::Value = serde_json::from_slice(&found.payload).unwrap();
-    let job = found["message"]["subject"].as_str().unwrap();
+    found["message"]["subject"].as_str().unwrap().to_owned()
+}
+
+async fn begin_and_go_away(address: &str) {
+    let client = async_nats::connect(address).await.unwrap();
+    let job = offered_job(&client).await;
     let digest = job.rsplit('.').next().unwrap();
     for number in 0..10 {
         let started = serde_json::json!({"worker": "w", "instance": format!("i{number}")});
