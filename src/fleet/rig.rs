@@ -1,8 +1,10 @@
 //! The rig's side of a fleet while it captures: takes jobs from the folder of jobs, offers them, and says there what
 //! became of them. The daemon writes the jobs and ends them; it has no connection.
 
+use super::bundle::has_model;
 use super::connection::FleetClient;
 use super::dispatcher::{Dispatcher, DispatcherPlan, JobEvent, JobOutcome, Task};
+use super::distrust::is_marked;
 use super::job::clean;
 use super::program::Program;
 use super::subjects;
@@ -196,7 +198,7 @@ async fn run_job(offers: &Arc<Dispatcher>, plan: &RigPlan, handed: &OfferedJob) 
     match offers.run_job(&task, on_event).await {
         JobOutcome::Made | JobOutcome::Unchanged => {
             say(&handed.file, &Answer::Made);
-            offers.forget_failure(&task).await;
+            forget_failure(offers, task).await;
         }
         JobOutcome::Failed { reason, words } => {
             tokio::spawn(tell_failure(offers.clone(), task, reason.clone()));
@@ -205,8 +207,11 @@ async fn run_job(offers: &Arc<Dispatcher>, plan: &RigPlan, handed: &OfferedJob) 
         JobOutcome::MakeLocally { reason } => {
             log::info!("capture {capture}: its model is made here: {reason}");
             say(&handed.file, &Answer::MakeLocally { reason });
+            tokio::spawn(forget_failure_once_made(offers.clone(), task));
         }
-        JobOutcome::Withdrawn => {}
+        JobOutcome::Withdrawn => {
+            tokio::spawn(forget_failure_once_made(offers.clone(), task));
+        }
     }
 }
 
@@ -214,6 +219,31 @@ async fn run_job(offers: &Arc<Dispatcher>, plan: &RigPlan, handed: &OfferedJob) 
 async fn tell_failure(offers: Arc<Dispatcher>, task: Task, reason: String) {
     while !offers.tell_failure(&task, &reason).await && !offers.is_stopped() {
         offers.pause(FAILURE_INTERVAL).await;
+    }
+}
+
+/// Takes back that a job failed, which has a result now. If the server is away, that waits and the caller does not.
+async fn forget_failure(offers: &Arc<Dispatcher>, task: Task) {
+    if !offers.forget_failure(&task).await {
+        tokio::spawn(forget_failure_patiently(offers.clone(), task));
+    }
+}
+
+/// As [`forget_failure`], as soon as the server is there.
+async fn forget_failure_patiently(offers: Arc<Dispatcher>, task: Task) {
+    while !offers.is_stopped() && !offers.forget_failure(&task).await {
+        offers.pause(FAILURE_INTERVAL).await;
+    }
+}
+
+/// Takes back that a job failed once the daemon has ended the job, if it made a model.
+async fn forget_failure_once_made(offers: Arc<Dispatcher>, task: Task) {
+    let lasts = || task.lasts.as_ref().is_some_and(|file| file.exists());
+    while lasts() && !offers.is_stopped() {
+        offers.pause(FAILURE_INTERVAL).await;
+    }
+    if has_model(&task.target) && !is_marked(&task.target) {
+        forget_failure_patiently(offers, task).await;
     }
 }
 

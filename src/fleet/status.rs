@@ -80,12 +80,19 @@ impl Dispatcher {
         self.fleet.store(subject, bytes.into()).await.is_ok()
     }
 
-    /// Takes back that a job failed: it has a result now.
-    pub async fn forget_failure(&self, task: &Task) {
+    /// Takes back that a job failed: it has a result now. False if the server cannot be told now.
+    pub async fn forget_failure(&self, task: &Task) -> bool {
         let subject = self.subject_of_failure(task);
-        if let Ok(Some(_)) = self.fleet.stored(FAILURES, &subject).await {
-            self.fleet.erase(subject).await;
-        }
+        let told = match self.fleet.stored(FAILURES, &subject).await {
+            Ok(Some(_)) => self.fleet.store(subject, Bytes::new()).await,
+            Ok(None) => Ok(()),
+            Err(problem) => {
+                // A question to a stream that is not there stays without an answer. The next one shall not.
+                let _ = self.fleet.make_streams().await;
+                Err(problem)
+            }
+        };
+        told.is_ok()
     }
 
     fn subject_of_failure(&self, task: &Task) -> String {

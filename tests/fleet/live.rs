@@ -8,6 +8,7 @@ use scand::workers::{
     FinishedJob, FleetAddress, Job, Jobs, Parameters, WorkerPlan, Workers, start_models,
 };
 use serde_json::{Value, json};
+use sha2::{Digest, Sha256};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::mpsc::{Receiver, channel};
@@ -131,7 +132,11 @@ fn without_a_worker_models_are_made_here_if_that_is_wanted_and_no_job_stays_on_t
     let Some(bench) = TestBench::start("") else {
         return;
     };
+    // One of them failed before, and a person wanted it to be offered again.
+    say_failure(&bench.address(), "cup.mcap", "ball-000");
+    assert_eq!(failed(&bench).len(), 1);
     let _fleet = are_made_here(&bench);
+    until("the failure is taken back", || failed(&bench).is_empty());
     let waiting = || -> Value {
         let mut status = program();
         status.args(["fleet", "status", "--json", "--fleet", &bench.address()]);
@@ -309,6 +314,33 @@ fn failed(bench: &TestBench) -> Vec<Value> {
     let output = status.output().unwrap();
     let status: Value = serde_json::from_slice(&output.stdout).unwrap();
     status["failed"].as_array().unwrap().clone()
+}
+
+/// Says that a job of the rig failed, on a server that has nothing yet.
+fn say_failure(address: &str, recording: &str, capture: &str) {
+    let digest = Sha256::digest(format!("{recording} {capture}"));
+    let subject = format!("scand.failure.hall.{digest:x}");
+    let failed = json!({
+        "rig": "hall", "capture": capture, "recording": recording, "reason": "no light", "time_s": 1,
+    });
+    let stream = async_nats::jetstream::stream::Config {
+        name: "SCAND_FAILURES".into(),
+        subjects: vec!["scand.failure.>".into()],
+        max_messages_per_subject: 1,
+        allow_direct: true,
+        ..Default::default()
+    };
+    let runtime = tokio::runtime::Builder::new_current_thread()
+        .enable_all()
+        .build()
+        .unwrap();
+    runtime.block_on(async {
+        let client = async_nats::connect(address).await.unwrap();
+        let context = async_nats::jetstream::new(client);
+        context.get_or_create_stream(stream).await.unwrap();
+        let published = context.publish(subject, failed.to_string().into()).await;
+        published.unwrap().await.unwrap();
+    });
 }
 
 /// Lets the rig offer its failed jobs again; what the command says.

@@ -278,7 +278,10 @@ impl FleetReplay<'_> {
                 offers.forget_failure(&task).await;
                 Some(placed(&wanted, &task.target, ReplayResult::Done))
             }
-            JobOutcome::Unchanged => Some(placed(&wanted, &task.target, ReplayResult::Unchanged)),
+            JobOutcome::Unchanged => {
+                offers.forget_failure(&task).await;
+                Some(placed(&wanted, &task.target, ReplayResult::Unchanged))
+            }
             JobOutcome::Failed { reason, words } => {
                 offers.tell_failure(&task, &reason).await;
                 Some(self.failed(&wanted, &task.target, reason, &words))
@@ -289,6 +292,9 @@ impl FleetReplay<'_> {
                     return None;
                 }
                 let made = self.make_here(offers, wanted).await;
+                if made.is_done() {
+                    offers.forget_failure(&task).await;
+                }
                 // The run ended it.
                 Some(made).filter(|made| made.is_done() || !offers.is_stopped())
             }
