@@ -16,6 +16,16 @@ use std::hash::BuildHasher;
 use std::path::Path;
 use std::time::Duration;
 
+/// Ends what was announced of a model, by the code of the child that was to put it into place, unless the model is
+/// there for sure. A child that was killed or cancelled has none, and may have put it there before.
+fn end_announcement(target: &Path, code: Option<u8>) {
+    match code {
+        Some(0 | EXIT_EQUAL) => {}
+        Some(_) => ModelOrigin::withdraw(target),
+        None => ModelOrigin::settle(target),
+    }
+}
+
 impl<T: Fn(JobEvent) + Sync> JobState<'_, T> {
     pub(super) async fn take(
         &mut self,
@@ -159,9 +169,7 @@ impl<T: Fn(JobEvent) + Sync> JobState<'_, T> {
                 }
             };
             let code = ended.code.and_then(|code| u8::try_from(code).ok());
-            if !matches!(code, Some(0 | EXIT_EQUAL)) {
-                ModelOrigin::withdraw(&self.task.target);
-            }
+            end_announcement(&self.task.target, code);
             return match code {
                 Some(0 | EXIT_EQUAL) => self.is_in_place(offer, made_of, worker, contents).await,
                 Some(EXIT_DIFFERS) => self.differs(offer, worker, contents).await,
@@ -323,5 +331,37 @@ impl<T: Fn(JobEvent) + Sync> JobState<'_, T> {
             reason,
             words: String::new(),
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::bundle::contents_sha256;
+    use super::*;
+
+    #[test]
+    fn a_child_that_is_cancelled_after_its_model_was_put_into_place_leaves_whose_model_it_is() {
+        let home = tempfile::tempdir().unwrap();
+        let target = home.path().join("cup").join("a1");
+        std::fs::create_dir_all(&target).unwrap();
+        std::fs::write(target.join("report.json"), b"{}").unwrap();
+        let origin = |contents: &str| ModelOrigin {
+            digest: "d".into(),
+            contents_sha256: contents.into(),
+            worker: "w".into(),
+            made_of: "m".into(),
+        };
+        let left = || std::fs::read_dir(home.path().join("cup")).unwrap().count();
+        // Another model is there, and one that was refused.
+        let there = contents_sha256(&target).unwrap();
+        for (contents, code) in [("other", None), (&*there, Some(EXIT_REFUSED))] {
+            origin(contents).announce(&target).unwrap();
+            end_announcement(&target, code);
+            assert_eq!((ModelOrigin::read(&target), left()), (None, 1));
+        }
+        origin(&there).announce(&target).unwrap();
+        end_announcement(&target, None);
+        assert_eq!(ModelOrigin::read(&target), Some(origin(&there)));
+        assert_eq!(left(), 2);
     }
 }
