@@ -1,5 +1,6 @@
 //! The queue of jobs: a small file for each in the folder `jobs` beside the recordings, durable once it is enqueued and
-//! removed when it is done. Memory holds only the jobs in progress and the number that wait.
+//! removed when it is done. Memory holds only the jobs in progress and the number that wait; with a fleet also the
+//! names of those that were read once.
 
 use super::find::find;
 use super::job::{ENDING, Job, set_aside};
@@ -12,7 +13,7 @@ use crate::recording::{Notes, Recording, unfinished_name};
 use crate::storage::{self, write_atomically};
 use parking_lot::{Condvar, Mutex};
 use rustix::io::Errno;
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
@@ -45,6 +46,10 @@ pub struct Jobs {
 #[derive(Default)]
 struct State {
     waiting: usize,
+    /// Jobs that are being enqueued: their files may be there, and are not counted yet.
+    arriving: usize,
+    /// Names of files that were found to be jobs, or could not be set aside, by [`Jobs::take_where`].
+    checked: BTreeSet<String>,
     /// By the names of their files.
     running: BTreeMap<String, (Job, Instant)>,
     workers: usize,
@@ -55,6 +60,14 @@ struct State {
     seconds: Option<f64>,
     /// What clients are told of the settings.
     settings: BTreeMap<String, serde_json::Value>,
+}
+
+impl State {
+    /// How many of these jobs nobody does.
+    fn idle(&self, names: &[String]) -> usize {
+        let idle = |name: &&String| !self.running.contains_key(*name);
+        names.iter().filter(idle).count()
+    }
 }
 
 /// What is to be done yet.
@@ -146,12 +159,17 @@ impl Jobs {
         if path.exists() || path.with_extension(REJECTED).exists() {
             return Ok(());
         }
-        write_atomically(&path, &as_bytes(job)).inspect_err(|_| {
+        self.state.lock().arriving += 1;
+        let written = write_atomically(&path, &as_bytes(job)).inspect_err(|_| {
             // It may be there although it is not sure to stay; who is told that there is none must be right.
             let _ = std::fs::remove_file(&path);
-        })?;
-        self.state.lock().waiting += 1;
+        });
+        let mut state = self.state.lock();
+        state.arriving -= 1;
+        state.waiting += usize::from(written.is_ok());
+        drop(state);
         self.changed.notify_all();
+        written?;
         Ok(())
     }
 
@@ -410,31 +428,74 @@ impl Jobs {
         None
     }
 
-    /// The oldest job whose file is as `wanted`, if there is one that nobody does.
+    /// The oldest job whose file is as `wanted`, if there is one that nobody does. Also sets right how many wait, and
+    /// sets aside what is not a job, whether it is wanted or not: nothing else does where jobs are taken in this way.
     pub(super) fn take_where(&self, wanted: impl Fn(&Path) -> bool) -> Option<ClaimedJob> {
         // Files are looked at without the lock, because a capture that is enqueued waits for it.
-        let files = std::fs::read_dir(&self.folder).into_iter().flatten();
-        let paths = files.flatten().map(|file| file.path());
-        let mut paths: Vec<PathBuf> = paths.filter(|path| is_job(path)).collect();
-        paths.sort();
-        for path in paths.into_iter().filter(|path| wanted(path)) {
-            let name = path.file_name().and_then(|name| name.to_str())?.to_owned();
+        let names = self.names().ok()?;
+        self.recount(&names);
+        for name in names {
+            let path = self.folder.join(&name);
+            let is_wanted = wanted(&path);
             let mut state = self.state.lock();
             if state.stopped {
                 return None;
             }
+            if !is_wanted && state.checked.contains(&name) {
+                continue;
+            }
             if state.running.contains_key(&name) || !path.exists() {
                 continue;
             }
-            let Ok(Some(job)) = self.read(&name) else {
+            let Ok(read) = self.read(&name) else {
                 continue;
             };
-            state.waiting = state.waiting.saturating_sub(1);
-            let running = (job.clone(), Instant::now());
-            state.running.insert(name.clone(), running);
-            return Some(ClaimedJob { name, job });
+            match read.filter(|_| is_wanted) {
+                Some(job) => {
+                    state.checked.remove(&name);
+                    state.waiting = state.waiting.saturating_sub(1);
+                    let running = (job.clone(), Instant::now());
+                    state.running.insert(name.clone(), running);
+                    return Some(ClaimedJob { name, job });
+                }
+                None => {
+                    state.checked.insert(name);
+                }
+            }
         }
         None
+    }
+
+    /// The names of all jobs, the oldest first.
+    fn names(&self) -> std::io::Result<Vec<String>> {
+        let mut names = Vec::new();
+        for entry in std::fs::read_dir(&self.folder)? {
+            // No job has a name of other characters.
+            let Ok(name) = entry?.file_name().into_string() else {
+                continue;
+            };
+            if is_job(Path::new(&name)) {
+                names.push(name);
+            }
+        }
+        names.sort();
+        Ok(names)
+    }
+
+    /// Sets right how many jobs wait, if these names show another number: people remove files of jobs, and the process
+    /// of the fleet puts failed ones back.
+    fn recount(&self, names: &[String]) {
+        let mut state = self.state.lock();
+        if state.arriving > 0 || state.idle(names) == state.waiting {
+            return;
+        }
+        // Jobs may have come or ended since they were listed; as long as this is locked, none is counted.
+        if let Ok(names) = self.names() {
+            state.waiting = state.idle(&names);
+            state
+                .checked
+                .retain(|name| names.binary_search(name).is_ok());
+        }
     }
 
     /// A job's file.

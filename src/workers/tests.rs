@@ -435,6 +435,48 @@ fn what_is_no_job_is_set_aside_and_what_a_kill_left_is_removed() {
     until("not finished", || place.left() == ["0-s-0.bad", "1-a.bad"]);
 }
 
+/// Nobody says anything of a job here, as long as the process of the fleet does not run.
+#[test]
+fn with_a_fleet_a_job_that_a_person_removes_counts_no_more_and_what_is_no_job_is_set_aside() {
+    let place = Place::new("make");
+    let folder = place.recording("jobs");
+    std::fs::create_dir(&folder).unwrap();
+    std::fs::write(folder.join("0-s-0.job"), "{").unwrap();
+    let jobs = place.jobs();
+    place.offer(&jobs, 1..=2);
+    assert_eq!(jobs.backlog().waiting, 3);
+    let address: FleetAddress = "nats://127.0.0.1".parse().unwrap();
+    let (workers, heard) = place.start(&jobs, |plan| plan.parameters.fleet = Some(address));
+    until("not set aside", || jobs.backlog().waiting == 2);
+    assert_eq!(
+        (place.left().len(), place.left()[0].as_str()),
+        (3, "0-s-0.bad")
+    );
+    let job = |number| {
+        Job::new(
+            &place.recording("s.mcap"),
+            &format!("s-{number}"),
+            number,
+            "test",
+        )
+    };
+    let file = |number| folder.join(job(number).file_name());
+    std::fs::remove_file(file(1)).unwrap();
+    until("still counted", || jobs.backlog().waiting == 1);
+    // As the process of the fleet does with one that failed before.
+    let failed = place.path().join("failed");
+    std::fs::write(&failed, serde_json::to_vec(&job(1)).unwrap()).unwrap();
+    std::fs::rename(&failed, file(1)).unwrap();
+    until("not counted", || jobs.backlog().waiting == 2);
+    for number in 1..=2 {
+        assert!(!jobs.is_idle());
+        std::fs::remove_file(file(number)).unwrap();
+    }
+    until("not idle", || jobs.is_idle());
+    heard.nothing();
+    workers.stop();
+}
+
 #[test]
 fn no_job_is_begun_when_the_disk_is_as_full_as_it_may_be() {
     let place = Place::new("make");
