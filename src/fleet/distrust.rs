@@ -3,13 +3,7 @@
 use super::model_origin::ModelOrigin;
 use std::path::{Path, PathBuf};
 
-/// The file that says in a model's folder that its worker made another model wrong.
-pub(super) const MARK: &str = "distrusted.txt";
-
-/// Whether a model's worker made another model wrong.
-pub(super) fn is_marked(target: &Path) -> bool {
-    target.join(MARK).exists()
-}
+pub(super) use crate::workers::distrusted::{MARK, is_marked};
 
 /// Marks all models below a folder that a worker made; how many.
 pub(super) fn mark_all(models: &Path, worker: &str) -> usize {

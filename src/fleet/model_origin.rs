@@ -4,6 +4,7 @@
 use super::bundle::contents_sha256;
 use crate::storage::{self, write_atomically};
 use crate::words::hexadecimal;
+use crate::workers::distrusted::origin_path;
 use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
 use std::os::unix::fs::MetadataExt;
@@ -25,8 +26,7 @@ pub struct ModelOrigin {
 impl ModelOrigin {
     /// Where it is, for a model's folder.
     pub fn path(target: &Path) -> PathBuf {
-        let name = target.file_name().unwrap_or_default().to_string_lossy();
-        target.with_file_name(format!(".{name}.fleet"))
+        origin_path(target)
     }
 
     /// What is known of the model in a folder.

@@ -2,7 +2,7 @@
 //! worker processes do them one after the other, with the code of `scand --replay`. The files `object_*` do the same
 //! for objects of which there are several captures: one thread finds how these lie, another has their model made.
 //! `remakes` has a capture's model made again with other settings, when nothing else waits. `told_settings` chooses
-//! what clients are told of the settings.
+//! what clients are told of the settings. `distrusted` says which models of the fleet have to be replaced.
 //! `make_model` builds the models; nothing here does.
 
 mod address;
@@ -15,6 +15,7 @@ pub use parameters::Parameters;
 
 cfg_if::cfg_if! {
     if #[cfg(feature = "live")] {
+        pub mod distrusted;
         mod find;
         pub mod handover;
         mod job;

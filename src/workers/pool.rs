@@ -5,7 +5,7 @@ use super::handover::{self, Answer};
 use super::jobs::{ClaimedJob, Error, Jobs};
 use super::outcome::{self, ReportBefore};
 use super::threads::Workers;
-use super::{Job, Parameters, protocol};
+use super::{Job, Parameters, distrusted, protocol};
 use crate::clock::Clock;
 use crate::frame::{CaptureId, Timestamp};
 use crate::make_model::{FailedJob, Model, report_failure};
@@ -300,7 +300,11 @@ impl Shared {
     ) -> Option<(Result<Model, String>, String)> {
         let target = self.target(complete, &taken.job);
         let before = ReportBefore::of(&target);
-        let child = Child::start(&mut self.command(path, &taken.job));
+        let mut command = self.command(path, &taken.job);
+        if distrusted::is_to_be_replaced(&target) {
+            command.arg("--force");
+        }
+        let child = Child::start(&mut command);
         let limit = Duration::from_secs(self.plan.parameters.time_limit_s.into());
         let waited = child.and_then(|child| child.wait(limit, self.plan.clock, self.jobs.cancel()));
         match waited {

@@ -41,6 +41,7 @@ while [ $# -gt 0 ]; do
     --replay) replay=$2 ;;
     --capture) capture=$2 ;;
     --out) out=$2 ;;
+    --force) force=yes ;;
     esac
     shift
 done
@@ -433,6 +434,23 @@ fn what_is_no_job_is_set_aside_and_what_a_kill_left_is_removed() {
     let (_workers, heard) = place.start(&jobs, |_| ());
     assert_eq!(heard.next().capture, "s-3");
     until("not finished", || place.left() == ["0-s-0.bad", "1-a.bad"]);
+}
+
+#[test]
+fn a_model_of_a_worker_that_is_distrusted_is_replaced_when_its_job_is_done_here_and_no_other_is() {
+    let place = Place::new("echo \"$force\" > \"$out/force-of-$capture\"; make");
+    let marked = place.models().join("s/s-1");
+    std::fs::create_dir_all(&marked).unwrap();
+    std::fs::create_dir_all(place.models().join("s/s-2")).unwrap();
+    std::fs::write(marked.join(distrusted::MARK), "").unwrap();
+    let jobs = place.jobs();
+    place.offer(&jobs, 1..=2);
+    let (_workers, heard) = place.start(&jobs, |_| ());
+    for (capture, expected) in [("s-1", "yes\n"), ("s-2", "\n")] {
+        assert_eq!(heard.next().capture, capture);
+        let force = place.models().join(format!("force-of-{capture}"));
+        assert_eq!(std::fs::read_to_string(force).unwrap(), expected);
+    }
 }
 
 /// Nobody says anything of a job here, as long as the process of the fleet does not run.

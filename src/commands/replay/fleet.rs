@@ -15,7 +15,7 @@ use crate::notes::CaptureNotes;
 use crate::recording::finished_name;
 use crate::report::FailedCapture;
 use crate::words::count;
-use crate::workers::FleetAddress;
+use crate::workers::{FleetAddress, distrusted};
 use futures_util::StreamExt;
 use parking_lot::Mutex;
 use serde::de::DeserializeOwned;
@@ -291,7 +291,7 @@ impl FleetReplay<'_> {
                 if offers.is_stopped() {
                     return None;
                 }
-                let made = self.make_here(offers, wanted).await;
+                let made = self.make_here(offers, wanted, &task.target).await;
                 if made.is_done() {
                     offers.forget_failure(&task).await;
                 }
@@ -322,9 +322,15 @@ impl FleetReplay<'_> {
     }
 
     /// Makes a model on this machine, as a replay without a fleet does.
-    async fn make_here(&self, offers: &Arc<Dispatcher>, wanted: Wanted) -> ReplayOutcome {
+    async fn make_here(
+        &self,
+        offers: &Arc<Dispatcher>,
+        wanted: Wanted,
+        target: &Path,
+    ) -> ReplayOutcome {
         let mut words = vec![format!("--capture={}", wanted.id), "--quiet".to_owned()];
-        words.extend(self.0.options.force.then(|| "--force".to_owned()));
+        let replaces = distrusted::is_to_be_replaced(target) || self.0.options.force;
+        words.extend(replaces.then(|| "--force".to_owned()));
         let step = step::REPLAY;
         let made = self.child::<Vec<ReplayOutcome>>(offers, step, &wanted.recording, words);
         match made.await.map(|(outcomes, _)| outcomes.into_iter().next()) {
