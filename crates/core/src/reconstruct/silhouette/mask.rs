@@ -39,14 +39,16 @@ fn is_soft(mask: &Mask) -> bool {
 
 /// Pixels around one within which a contour may need its level.
 const BESIDE_CONTOUR: isize = 2;
+/// Levels up to this far from 0 or 255 count as that where all around are such.
+const NEARLY: u8 = 5;
 
 /// A soft mask with even sides: programs that cut out pictures leave an object at 252 to 255, and where a level changes
 /// an outline is taken to be near.
 fn saturated(mask: &Mask) -> Mask {
-    let is_object = |level: u8| level >= 128;
     Mask::from_fn_parallel(mask.width(), mask.height(), |x, y| {
         let level = mask[(x, y)];
-        if level == 0 || level == 255 {
+        let is_object = level >= 255 - NEARLY;
+        if level == 0 || level == 255 || !(is_object || level <= NEARLY) {
             return level;
         }
         let reach = -BESIDE_CONTOUR..=BESIDE_CONTOUR;
@@ -54,10 +56,14 @@ fn saturated(mask: &Mask) -> Mask {
             .clone()
             .flat_map(|dy| reach.clone().map(move |dx| (dx, dy)));
         let mut around = around.filter_map(|(dx, dy)| mask.get(x as isize + dx, y as isize + dy));
-        match around.all(|&other| is_object(other) == is_object(level)) {
-            true if is_object(level) => 255,
-            true => 0,
-            false => level,
+        let is_even = around.all(|&other| match is_object {
+            true => other >= 255 - NEARLY,
+            false => other <= NEARLY,
+        });
+        match (is_even, is_object) {
+            (true, true) => 255,
+            (true, false) => 0,
+            (false, _) => level,
         }
     })
 }
