@@ -121,7 +121,7 @@ mod tests {
                 if from_contour.abs() < 1.0 {
                     assert_eq!(level[(x, y)], mask[(x, y)]);
                     kept += 1;
-                } else if from_contour.abs() > 4.0 {
+                } else if from_contour.abs() > 5.0 {
                     assert!([0, 255].contains(&level[(x, y)]), "{x}, {y}");
                     even += 1;
                 }
