@@ -36,7 +36,7 @@ test("reasons are in the page's language, and a list that is cut says so", async
   await expect(page.locator("main")).toContainText("the object's outline is blurred: c00 (3.0 px), c02 (2.1 px), 2 more");
   await expect(page.getByRole("cell", { name: "1.00 mm" })).toBeVisible();
   // Nothing is said twice, and codes are for programs.
-  await expect(page.locator("[data-code=no_depth_camera]")).toHaveText("No depth camera took part: every hollow is filled.");
+  await expect(page.locator("[data-code=no_depth_camera]")).toHaveText("No depth camera took part in the capture: every hollow is filled.");
   await expect(page.locator("[data-code=blurred]")).toHaveText("the object's outline is blurred: c00 (3.0 px), c02 (2.1 px), 2 more");
 });
 

@@ -219,7 +219,7 @@ export const de: Words = {
   reason_camera_left_out: "Das Modell entstand ohne eine Kamera.",
   reason_warning: "Beim Lesen der Aufzeichnung fiel etwas auf.",
   reason_damage: "Teile der Aufzeichnung sind nicht lesbar.",
-  reason_no_depth_camera: "Keine Tiefenkamera war dabei: jede Höhlung ist gefüllt.",
+  reason_no_depth_camera: "Bei der Aufnahme war keine Tiefenkamera dabei: jede Höhlung ist gefüllt.",
   reason_depth_not_used: "Das Modell entstand ohne Tiefenbilder.",
   reason_no_depth: "Eine Tiefenkamera hat kaum Messwerte vom Objekt.",
   reason_no_region: "Die Tiefenbilder zeigen keine Höhlung.",

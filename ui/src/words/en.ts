@@ -217,7 +217,7 @@ export const en = {
   reason_camera_left_out: "The model is made without a camera.",
   reason_warning: "Something was found while the recording was read.",
   reason_damage: "Parts of the recording cannot be read.",
-  reason_no_depth_camera: "No depth camera took part: every hollow is filled.",
+  reason_no_depth_camera: "No depth camera took part in the capture: every hollow is filled.",
   reason_depth_not_used: "The model was made without depth.",
   reason_no_depth: "A depth camera has hardly any readings of the object.",
   reason_no_region: "The depth shows no hollow.",
