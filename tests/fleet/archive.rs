@@ -2,7 +2,8 @@
 //! as failed, with its reason.
 
 use crate::test_bench::{
-    Process, TestBench, finished, made_here, models, program, said, simulated, spawned, told,
+    Process, TestBench, finished, made_here, models, program, runtime, said, simulated, spawned,
+    told,
 };
 use rustix::process::{Pid, Signal};
 use std::path::PathBuf;
@@ -71,11 +72,7 @@ fn the_same_bytes_come_from_one_two_and_four_workers_and_are_not_made_again() {
 
 /// The bytes that a stream of the server keeps. The empty message that stands for an erased one takes some, too.
 fn stored_bytes(bench: &TestBench, stream: &str) -> u64 {
-    let runtime = tokio::runtime::Builder::new_current_thread()
-        .enable_all()
-        .build()
-        .unwrap();
-    let answer = runtime.block_on(async {
+    let answer = runtime().block_on(async {
         let client = async_nats::connect(bench.address()).await.unwrap();
         let subject = format!("$JS.API.STREAM.INFO.{stream}");
         client.request(subject, "".into()).await.unwrap()

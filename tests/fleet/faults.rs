@@ -2,7 +2,9 @@
 
 use crate::support::dice::Dice;
 use crate::support::torture;
-use crate::test_bench::{Process, TestBench, finished, made_here, models, said, simulated, told};
+use crate::test_bench::{
+    Process, TestBench, finished, made_here, models, runtime, said, simulated, told,
+};
 use rustix::process::Signal;
 use std::cell::RefCell;
 use std::collections::BTreeMap;
@@ -149,11 +151,7 @@ fn rubbish_that_a_worker_sends_is_refused_three_times_and_never_put_into_place()
     let replay = replay.unwrap();
     let address = bench.address();
     let hostile = std::thread::spawn(move || {
-        let runtime = tokio::runtime::Builder::new_current_thread()
-            .enable_all()
-            .build()
-            .unwrap();
-        runtime.block_on(send_rubbish(&address));
+        runtime().block_on(send_rubbish(&address));
     });
     let output = finished(replay);
     hostile.join().unwrap();

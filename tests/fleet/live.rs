@@ -1,7 +1,7 @@
 //! A rig that captures while others make its models: the daemon's queue, and the process of the fleet beside it.
 
 use crate::support::wait::until;
-use crate::test_bench::{Process, TestBench, models, program, said, simulated};
+use crate::test_bench::{Process, TestBench, models, program, runtime, said, simulated};
 use scand::config::Config;
 use scand::workers::handover::{self, Answer};
 use scand::workers::{
@@ -260,13 +260,8 @@ fn a_worker_whose_models_are_wrong_is_stopped_and_what_it_made_is_marked() {
     let address = bench.address();
     let made_wrong = bench.path("coarse/cup");
     let bundle = bench.path("bundle");
-    let wrong = std::thread::spawn(move || {
-        let runtime = tokio::runtime::Builder::new_current_thread()
-            .enable_all()
-            .build()
-            .unwrap();
-        runtime.block_on(answer_with(&address, &made_wrong, &bundle))
-    });
+    let wrong =
+        std::thread::spawn(move || runtime().block_on(answer_with(&address, &made_wrong, &bundle)));
     let ended = next(&rig, &bench);
     let reason = ended.model.unwrap_err();
     assert!(
@@ -330,11 +325,7 @@ fn say_failure(address: &str, recording: &str, capture: &str) {
         allow_direct: true,
         ..Default::default()
     };
-    let runtime = tokio::runtime::Builder::new_current_thread()
-        .enable_all()
-        .build()
-        .unwrap();
-    runtime.block_on(async {
+    runtime().block_on(async {
         let client = async_nats::connect(address).await.unwrap();
         let context = async_nats::jetstream::new(client);
         context.get_or_create_stream(stream).await.unwrap();
@@ -404,11 +395,7 @@ fn a_second_result_is_equal_or_told_as_a_defect_also_after_a_restart() {
 
 /// Plays a worker that has sent one more result of a job.
 fn say_result(address: &str, digest: &str, contents: &str) {
-    let runtime = tokio::runtime::Builder::new_current_thread()
-        .enable_all()
-        .build()
-        .unwrap();
-    runtime.block_on(async {
+    runtime().block_on(async {
         let client = async_nats::connect(address).await.unwrap();
         let context = async_nats::jetstream::new(client);
         let said = json!({

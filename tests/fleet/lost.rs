@@ -3,8 +3,8 @@
 
 use crate::support::wait::until;
 use crate::test_bench::{
-    Process, TestBench, finished, made_here, models, program, said, simulated, simulated_of,
-    spawned, told,
+    Process, TestBench, finished, made_here, models, program, runtime, said, simulated,
+    simulated_of, spawned, told,
 };
 use crate::wire::Wire;
 use rustix::process::{Pid, Signal};
@@ -174,11 +174,7 @@ fn a_worker_that_is_told_to_stop_says_why_and_ends_as_failed() {
         return;
     };
     let mut worker = bench.worker("w", &[]);
-    let runtime = tokio::runtime::Builder::new_current_thread()
-        .enable_all()
-        .build()
-        .unwrap();
-    runtime.block_on(async {
+    runtime().block_on(async {
         let client = async_nats::connect(bench.address()).await.unwrap();
         while worker.0.try_wait().unwrap().is_none() {
             let reason = "rig hall, capture vase-3".into();
@@ -204,11 +200,7 @@ fn a_job_whose_workers_go_away_for_ever_ends_as_failed() {
     let one = ["--capture", "ball-000"];
     let mut replay = spawned(bench.by_fleet(&simulated(6), "out", &one));
     until_offered(&bench, &mut replay);
-    let runtime = tokio::runtime::Builder::new_current_thread()
-        .enable_all()
-        .build()
-        .unwrap();
-    runtime.block_on(begin_and_go_away(&bench.address()));
+    runtime().block_on(begin_and_go_away(&bench.address()));
     let output = finished(replay);
     assert_eq!(output.status.code(), Some(1), "{}", said(&output));
     let reason = told(&output)[0]["reasons"][0].to_string();
@@ -228,11 +220,7 @@ fn a_job_that_the_server_loses_after_a_crash_is_offered_again_also_if_the_crash_
     let one = ["--capture", "ball-000"];
     let mut replay = spawned(bench.by_fleet(&simulated(6), "out", &one));
     until_offered(&bench, &mut replay);
-    let runtime = tokio::runtime::Builder::new_current_thread()
-        .enable_all()
-        .build()
-        .unwrap();
-    runtime.block_on(crash_twice_and_lose_the_job(&bench.address()));
+    runtime().block_on(crash_twice_and_lose_the_job(&bench.address()));
     let _worker = bench.worker("w", &[]);
     let output = finished(replay);
     assert!(output.status.success(), "{}", said(&output));

@@ -2,7 +2,9 @@
 //! somebody else could read it.
 
 use crate::support::wait::{until, until_or};
-use crate::test_bench::{Process, free_port, has_server, models, program, said, simulated};
+use crate::test_bench::{
+    Process, free_port, has_server, models, program, runtime, said, simulated,
+};
 use async_nats::{Client, ConnectOptions, Event};
 use scand::config::Config;
 use scand::workers::{Job, Jobs};
@@ -300,10 +302,6 @@ fn what_a_role_may_not_do_the_server_denies() {
     let Some(sample) = Sample::start() else {
         return;
     };
-    let runtime = tokio::runtime::Builder::new_current_thread()
-        .enable_all()
-        .build()
-        .unwrap();
     let digest = "a".repeat(64);
     #[rustfmt::skip]
     let forbidden: [(&str, &str, &[&str], &[&str]); 3] = [
@@ -331,7 +329,7 @@ fn what_a_role_may_not_do_the_server_denies() {
               "$JS.API.CONSUMER.CREATE.SCAND_JOBS.x.y", "$JS.API.STREAM.PURGE.SCAND_FAILURES"],
             &[">", "scand.>", "scand.result.hall.*", "scand.started.hall.>", "_INBOX_rig_hall.>", "_INBOX_viewer_other.>"]),
     ];
-    runtime.block_on(async {
+    runtime().block_on(async {
         for (role, name, publish, subscribe) in forbidden {
             let (client, mut denied) = sample.connect(role, name).await;
             for subject in publish {

@@ -1,7 +1,7 @@
 //! How many jobs one server passes on: rigs and workers that send and fetch everything that a job needs and make no
 //! models. It measures and judges nothing, so it runs only when it is asked for (`make fleet-simulation`).
 
-use crate::test_bench::{TestBench, simulated};
+use crate::test_bench::{TestBench, runtime, simulated};
 use async_nats::jetstream::consumer::{AckPolicy, PullConsumer, pull};
 use async_nats::jetstream::{self, Context};
 use bytes::Bytes;
@@ -60,11 +60,6 @@ fn jobs_a_second_through_one_server() {
             rate * bytes
         );
     }
-}
-
-fn runtime() -> tokio::runtime::Runtime {
-    let mut builder = tokio::runtime::Builder::new_current_thread();
-    builder.enable_all().build().unwrap()
 }
 
 /// Lets the program itself make the streams, with the limits that it gives them.

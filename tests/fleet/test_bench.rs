@@ -56,6 +56,12 @@ pub fn free_port() -> u16 {
     listener.local_addr().unwrap().port()
 }
 
+/// Runs what a test says to the server itself, on the test's own thread.
+pub fn runtime() -> tokio::runtime::Runtime {
+    let mut builder = tokio::runtime::Builder::new_current_thread();
+    builder.enable_all().build().unwrap()
+}
+
 /// Whether there is a server to start; says so if there is none.
 pub fn has_server() -> bool {
     let found = Command::new(SERVER).arg("--version").output();
