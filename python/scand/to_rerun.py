@@ -23,10 +23,7 @@ def log_capture(rr, stream, capture, names, model=None):
     for id, view in capture.colors.items():
         place = f"rig/color/{id}"
         log_camera(rr, stream, place, view)
-        if isinstance(view.picture, bytes):
-            stream.log(f"{place}/image", rr.EncodedImage(contents=view.picture, media_type=names.get(view.encoding)))
-        else:
-            stream.log(f"{place}/image", rr.Image(view.picture))
+        stream.log(f"{place}/image", picture(rr, view, names))
     for id, view in capture.depths.items():
         place = f"rig/depth/{id}"
         log_camera(rr, stream, place, view)
@@ -37,6 +34,21 @@ def log_capture(rr, stream, capture, names, model=None):
     if model is not None:
         mesh = rr.Mesh3D(vertex_positions=model.vertices, triangle_indices=model.triangles, vertex_colors=model.colors)
         stream.log("rig/model", mesh)
+
+
+def picture(rr, view, names):
+    """A camera's picture as the viewer knows it; a raw one of a mosaic is shown grey."""
+    pixels = view.picture
+    if isinstance(pixels, bytes):
+        return rr.EncodedImage(contents=pixels, media_type=names.get(view.encoding))
+    if view.encoding == "bgr8":
+        return rr.Image(pixels, color_model="BGR")
+    if pixels.ndim == 3 and pixels.shape[2] == 2:
+        # The viewer knows only the order Y, U, Y, V.
+        pixels = pixels[..., ::-1] if view.encoding in ("uyvy", "yuv422") else pixels
+        height, width = pixels.shape[:2]
+        return rr.Image(bytes=pixels.tobytes(), width=width, height=height, pixel_format=rr.PixelFormat.YUY2)
+    return rr.Image(pixels)
 
 
 def log_camera(rr, stream, place, view):

@@ -415,6 +415,23 @@ def test_a_recording_that_is_not_complete_is_converted_under_its_final_name(monk
     assert rerun.Mesh3D.call_count == 1
 
 
+def test_colours_are_told_to_rerun_in_the_order_that_they_have():
+    from scand.to_rerun import picture
+
+    def told(encoding, pixels):
+        rerun = MagicMock()
+        picture(rerun, MagicMock(picture=pixels, encoding=encoding), {})
+        return rerun.Image.call_args
+
+    three, two = np.zeros((2, 4, 3), np.uint8), np.array([[[1, 2], [3, 4]]], np.uint8)
+    assert told("rgb8", three).kwargs == {}
+    assert told("bgr8", three).kwargs == {"color_model": "BGR"}
+    sides = {"width": 2, "height": 1}
+    for encoding, bytes in [("yuyv", b"\1\2\3\4"), ("uyvy", b"\2\1\4\3"), ("yuv422", b"\2\1\4\3")]:
+        asked = told(encoding, two).kwargs
+        assert asked.pop("pixel_format") and asked == {"bytes": bytes, **sides}
+
+
 def test_a_ply_says_any_letter_in_ascii(tmp_path):
     path = ply(tmp_path / "model.ply")
     escaped = rb'comment title Krater \u00ab\u0397\u00bb \\u00 "\ud80c\udc00" 100 %'

@@ -19,7 +19,8 @@ const UNPRINTED_MM: f64 = 5.0;
 /// Millimetres of white around the pattern, as a part of a square, and for rulers and text outside it.
 const QUIET: f64 = 0.5;
 const STRIP_MM: f64 = 12.0;
-/// Smallest and largest height of the letters, and their mean width as a part of it.
+/// Smallest and largest height of the letters, and their mean width as a part of it. They are smaller on a page where one
+/// line of these does not fit.
 const LETTERS_MM: [f64; 2] = [3.0, 4.5];
 const LETTER_WIDTH: f64 = 0.5;
 
@@ -155,15 +156,20 @@ fn page(board: &Board, face: Face, size: [f64; 2], pattern: [f64; 2], quiet: f64
         ruler_length(pattern[0]),
         ruler_length(pattern[1])
     );
-    let room = size[0] - UNPRINTED_MM - origin[0];
-    let letters = room / (LETTER_WIDTH * words.chars().count() as f64);
-    let [least, most] = LETTERS_MM;
-    page.text(
-        [origin[0], bottom + STRIP_MM - 1.0],
-        letters.clamp(least, most),
-        &words,
-    );
+    let (left, letters) = line_of_text(size[0], origin[0], words.chars().count());
+    page.text([left, bottom + STRIP_MM - 1.0], letters, &words);
     page
+}
+
+/// Where a line of so many letters begins on a page of a width, below the pattern or further left, and their height; in
+/// millimetres.
+fn line_of_text(width: f64, pattern_left: f64, count: usize) -> (f64, f64) {
+    let right = width - UNPRINTED_MM;
+    let per_height = LETTER_WIDTH * count as f64;
+    let [least, most] = LETTERS_MM;
+    let letters = ((right - pattern_left) / per_height).clamp(least, most);
+    let letters = letters.min((right - UNPRINTED_MM) / per_height);
+    (pattern_left.min(right - per_height * letters), letters)
 }
 
 /// Millimetres of a ruler beside a pattern of a length: whole centimetres.
@@ -235,6 +241,33 @@ mod tests {
                 (column - column.round()).abs() < 1e-5 && (0.0..10.0).contains(&column.round())
             );
             assert!((row - row.round()).abs() < 1e-5 && (0.0..7.0).contains(&row.round()));
+        }
+    }
+
+    #[test]
+    fn the_line_below_the_pattern_stays_on_the_page() {
+        for board in [
+            "checkerboard:4x3:10mm",
+            "checkerboard:4x13:12mm",
+            "charuco:7x5:20mm",
+        ] {
+            let board: Board = board.parse().unwrap();
+            for paper in ["custom", "auto", "a2"].map(|name| name.parse().unwrap()) {
+                let (file, name) = board_sheet(&board, paper).unwrap();
+                let text = String::from_utf8(file).unwrap();
+                let after = text.split("/MediaBox [0 0 ").nth(1).unwrap();
+                let width: f64 = after.split(' ').next().unwrap().parse().unwrap();
+                let line = text.lines().find(|l| l.contains("(--board")).unwrap();
+                let words: Vec<&str> = line.split(' ').collect();
+                let [letters, left] = [2, 4].map(|k| words[k].parse::<f64>().unwrap());
+                let count = line.split(['(', ')']).nth(1).unwrap().len();
+                let unprinted = UNPRINTED_MM / 25.4 * 72.0 - 0.01;
+                let right = left + LETTER_WIDTH * letters * count as f64;
+                assert!(
+                    left > unprinted && right < width - unprinted,
+                    "{board} {name}"
+                );
+            }
         }
     }
 
