@@ -113,7 +113,8 @@ fn words(checked: &CheckedCamera, is_alone: bool) -> String {
     match motion {
         _ if *views == 0 => format!("camera {camera}: it did not see the board"),
         _ if is_alone => format!(
-            "camera {camera}: it saw the board only where no other camera did, so it is not known whether it moved"
+            "camera {camera}: it saw the board, or a side of it, only where no other camera did, so it is not known \
+             whether it moved"
         ),
         None => format!("camera {camera}: it is as calibrated, to {off_px:.2} px"),
         Some(motion) => format!(

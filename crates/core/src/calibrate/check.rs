@@ -38,7 +38,7 @@ pub struct Check {
     pub unknown: Vec<CameraId>,
     /// Cameras that did not see the board, saw it only where no other did, or are not in both.
     pub unchecked: BTreeSet<CameraId>,
-    /// Cameras of these that saw the board, but only where no other camera saw it.
+    /// Cameras of these that saw the board, or a side of it, but only where no other camera saw it.
     pub alone: BTreeSet<CameraId>,
     /// Whether it counts as unchecked if boards do not show whether depth lies on its colour picture.
     wants_registration: bool,

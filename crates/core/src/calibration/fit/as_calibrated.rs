@@ -6,7 +6,7 @@ use super::lens::{Lens, PARAMETERS};
 use super::planar;
 use super::pose_graph::{Comparison, Tree, poses};
 use super::result::Figures;
-use super::session::{Session, View};
+use super::session::{Session, View, both_faces_at_once};
 use super::sheet::Sheet;
 use crate::calibration::{Camera, Face, RigCalibration};
 use nalgebra::{Isometry3, Point2, Point3};
@@ -40,7 +40,7 @@ pub(super) fn known_part(session: &Session, known: &RigCalibration) -> (Session,
 }
 
 /// All cameras where they were, the board where most of them see it. The board may be bent as far as the parameters
-/// expect of any board.
+/// expect of any board, and its back lie behind its front as its placements show.
 pub(super) fn start(mut session: Session, cameras: &[Camera], parameters: &Parameters) -> Bundle {
     let lenses: Vec<Lens> = cameras
         .iter()
@@ -95,7 +95,7 @@ pub(super) fn start(mut session: Session, cameras: &[Camera], parameters: &Param
         cameras: cameras.iter().zip(&lenses).map(state).collect(),
         placements: agreed.iter().map(placement).collect(),
         board_from_back: session.board.front_from_back(),
-        back_free: false,
+        back_free: both_faces_at_once(&session),
         sheet,
         views: session.views.iter().map(seen).collect(),
     }

@@ -131,7 +131,8 @@ fn other_board(larger: f64, board: &str) -> String {
 pub struct DriftResult {
     /// Each camera that is in both.
     pub cameras: Vec<CheckedCamera>,
-    /// Those of them that saw the board only where no other camera saw it, so that nothing shows whether they moved.
+    /// Those of them that saw the board, or a side of it, only where no other camera saw it, so that nothing shows
+    /// whether they moved.
     pub alone: BTreeSet<CameraId>,
     /// How two cameras moved against each other, if no third camera shows which of them moved.
     pub against_each_other: Option<PairMotion>,
@@ -232,14 +233,21 @@ const CLEARLY: f64 = 1.1;
 const MOST_EXCHANGED: usize = 6;
 
 /// The cameras that saw the board at a place where another one saw it, and those that saw it only where no other did.
+/// Cameras that saw different sides of it are compared only where other cameras tell how the sides lie to each other:
+/// the back's pose would follow a camera that is the only one to tell it.
 fn compared(bundle: &Bundle) -> (Vec<usize>, Vec<usize>) {
     let sees = |c: usize| bundle.views.iter().any(|v| v.camera == c);
     let shares = |c: &usize| {
-        let mut own = bundle.views.iter().filter(|v| v.camera == *c);
-        own.any(|v| {
-            let mut others = bundle.views.iter().filter(|o| o.camera != *c);
-            others.any(|o| o.placement == v.placement)
-        })
+        let (own, others): (Vec<&Observation>, Vec<&Observation>) =
+            bundle.views.iter().partition(|v| v.camera == *c);
+        let are_sides_told = others.iter().any(|a| {
+            let mut same = others.iter().filter(|b| b.placement == a.placement);
+            same.any(|b| b.back != a.back)
+        });
+        let is_compared = |v: &Observation, o: &Observation| {
+            o.placement == v.placement && (o.back == v.back || are_sides_told)
+        };
+        own.iter().any(|v| others.iter().any(|o| is_compared(v, o)))
     };
     (0..bundle.cameras.len())
         .filter(|&c| sees(c))

@@ -1,8 +1,8 @@
 //! Tests the check of a calibrated rig, and the measurements that confirm or contradict its scale.
 
-use super::synthetic::{Random, Truth, color_lens, looking, placements};
+use super::synthetic::{Random, Truth, color_lens, looking, placed, placements, rig as whole_rig};
 use super::*;
-use crate::calibration::{Board, BoardShape, CalibrationLevel, Camera, RigCalibration};
+use crate::calibration::{Board, BoardShape, CalibrationLevel, Camera, Face, RigCalibration};
 use nalgebra::{Isometry3, Point3, Vector3};
 use std::collections::BTreeMap;
 
@@ -192,6 +192,69 @@ fn a_camera_that_nobody_shared_a_placement_with_is_not_said_to_have_stayed() {
     session.views.clear();
     let checks = check(&session, &known, &limits, &Parameters::default()).unwrap();
     assert!(checks.alone.is_empty() && checks.against_each_other.is_none());
+}
+
+/// Eleven cameras in a ring around a board with two sides, which stands upright, so that some see its front and some
+/// its back. The sides do not lie exactly behind each other.
+fn two_sided(shown: usize) -> Truth {
+    let board = Board::charuco(11, 8, 0.02, true).unwrap();
+    let upright = |k: usize| {
+        let to = 2.4 * k as f64;
+        let tilt = Vector3::new(to.cos(), to.sin(), 0.0) * 1.4;
+        placed(&board, Point3::new(0.02, -0.01, 0.12), tilt, 0.3)
+    };
+    Truth::new(board, whole_rig(), (0..shown).map(upright).collect())
+}
+
+#[test]
+fn a_board_whose_sides_lie_askew_moved_no_camera() {
+    let (limits, parameters) = (DriftLimits::default(), Parameters::default());
+    for shown in [1, 3] {
+        let truth = two_sided(shown);
+        let known = calibration(&truth);
+        let still = truth.session(0.1, &mut Random(3));
+        let checks = check(&still, &known, &limits, &parameters).unwrap();
+        let moved = checks.cameras.iter().filter(|c| c.motion.is_some());
+        assert_eq!(moved.count(), 0, "{shown}: {checks:?}");
+        assert!(checks.alone.is_empty(), "{shown}: {checks:?}");
+        let off = checks.front_from_back.inverse() * truth.front_from_back;
+        assert!(off.translation.vector.norm() < 4e-4, "{shown}: {off}");
+    }
+    // A camera that moved is found all the same.
+    let truth = two_sided(3);
+    let known = calibration(&truth);
+    let moved = turned(truth, 3, Vector3::new(1.0, 0.2, 0.4), 0.1);
+    let session = moved.session(0.1, &mut Random(3));
+    let checks = check(&session, &known, &limits, &parameters).unwrap();
+    let named = checks.cameras.iter().filter(|c| c.motion.is_some());
+    let named: Vec<&str> = named.map(|c| c.camera.as_str()).collect();
+    assert_eq!(named, ["c03"]);
+}
+
+#[test]
+fn a_camera_that_alone_tells_where_the_back_lies_is_not_said_to_have_stayed() {
+    let (limits, parameters) = (DriftLimits::default(), Parameters::default());
+    let truth = two_sided(2);
+    let known = calibration(&truth);
+    let session = truth.session(0.1, &mut Random(3));
+    let of_back = |v: &&View| v.placement == 0 && v.face == Face::Back;
+    let lone = session.views.iter().find(of_back).unwrap().camera;
+    let moved = turned(truth, lone, Vector3::new(1.0, 0.2, 0.4), 0.3);
+    let mut session = moved.session(0.1, &mut Random(3));
+    let is_kept = |v: &View| v.face == Face::Front || v.camera == lone;
+    session.views.retain(|v| v.placement == 0 && is_kept(v));
+    let checks = check(&session, &known, &limits, &parameters).unwrap();
+    let alone: Vec<&CameraId> = checks.alone.iter().collect();
+    assert_eq!(alone, [&session.cameras[lone].id]);
+    assert!(checks.cameras.iter().all(|c| c.motion.is_none()));
+    // Where others tell where the back lies, it is compared.
+    let mut session = moved.session(0.1, &mut Random(3));
+    session.views.retain(|v| v.placement == 1 || is_kept(v));
+    let checks = check(&session, &known, &limits, &parameters).unwrap();
+    assert!(checks.alone.is_empty(), "{checks:?}");
+    let named = checks.cameras.iter().filter(|c| c.motion.is_some());
+    let named: Vec<&CameraId> = named.map(|c| &c.camera).collect();
+    assert_eq!(named, [&session.cameras[lone].id]);
 }
 
 #[test]

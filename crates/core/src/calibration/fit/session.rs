@@ -3,6 +3,7 @@
 use crate::calibration::{Board, BoardKind, Face, Intrinsics};
 use crate::frame::CameraId;
 use nalgebra::{Isometry3, Point2, Point3, Translation3, UnitQuaternion, Vector3};
+use std::collections::BTreeSet;
 
 /// A camera that is to be calibrated.
 #[derive(Clone, Debug, PartialEq)]
@@ -114,6 +115,15 @@ pub(super) fn board_from_turned(board: &Board, quarters: usize) -> Isometry3<f64
     let angle = quarters as f64 * std::f64::consts::FRAC_PI_2;
     let turn = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), angle);
     Isometry3::from_parts(Translation3::from(shift), turn)
+}
+
+/// Whether some placement was seen from both sides, so that the back's pose can be estimated.
+pub(super) fn both_faces_at_once(session: &Session) -> bool {
+    let of = |face: Face| -> BTreeSet<usize> {
+        let views = session.views.iter().filter(|v| v.face == face);
+        views.map(|v| v.placement).collect()
+    };
+    !of(Face::Front).is_disjoint(&of(Face::Back))
 }
 
 /// The four outermost corners of the front.

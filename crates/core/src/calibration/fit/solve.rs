@@ -14,7 +14,7 @@ use super::readings::Readings;
 use super::result::{
     Figures, Fit, FittedCamera, FittedPlacement, LeftOut, Uncertainty, ViewResiduals, coverage,
 };
-use super::session::{Corner, Session, View};
+use super::session::{Corner, Session, View, both_faces_at_once};
 use super::sheet::Sheet;
 use super::sheet_terms::{CrossValidation, settled};
 use super::single_camera::{self, SingleCamera};
@@ -619,19 +619,6 @@ fn seen(session: &Session, view: &View) -> Observation {
         weight: 1.0,
         points: view.pairs(&session.board),
     }
-}
-
-/// Whether some placement was seen from both sides, so that the back's pose can be estimated.
-fn both_faces_at_once(session: &Session) -> bool {
-    let of = |face: Face| -> BTreeSet<usize> {
-        session
-            .views
-            .iter()
-            .filter(|v| v.face == face)
-            .map(|v| v.placement)
-            .collect()
-    };
-    !of(Face::Front).is_disjoint(&of(Face::Back))
 }
 
 /// Standard deviations from a camera's covariance; its pose's columns are those of the camera's rotation vector and of
