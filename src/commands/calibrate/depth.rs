@@ -134,9 +134,13 @@ fn plane_line(id: &CameraId, fit: &PlaneFit) -> String {
         ),
         false => String::new(),
     };
+    let most = match r.has_known_uncertainty() {
+        true => format!("at most {:.2} mm", 1e3 * r.uncertainty),
+        false => "unknown".to_owned(),
+    };
     format!(
-        "depth of {id}: z = {:.6}·r {:+.4} m, scale {:.4} {:+.4}·z, from {} at {:.2} to {:.2} m; bias at most \
-         {:.2} mm ({:.1} mm without){correction}",
+        "depth of {id}: z = {:.6}·r {:+.4} m, scale {:.4} {:+.4}·z, from {} at {:.2} to {:.2} m; bias {most} \
+         ({:.1} mm without){correction}",
         r.slope,
         r.intercept,
         r.scale[0],
@@ -144,7 +148,6 @@ fn plane_line(id: &CameraId, fit: &PlaneFit) -> String {
         count(fit.views.len(), "board"),
         at(f64::min, f64::MAX),
         at(f64::max, 0.0),
-        1e3 * r.uncertainty,
         1e3 * before,
     )
 }

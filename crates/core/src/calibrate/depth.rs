@@ -105,7 +105,7 @@ impl Depth {
             let of_boards = self.of_table.get(id).map(|error| error.at_most);
             let uncertainty = of_boards.unwrap_or(response.uncertainty);
             Some(DepthResponse {
-                uncertainty: uncertainty.min(MOST_UNCERTAINTY),
+                uncertainty: uncertainty.min(DepthResponse::MOST_UNCERTAINTY),
                 ..response
             })
         })
@@ -159,7 +159,7 @@ impl Depth {
                 let own = &mut found.response.uncertainty;
                 *own = own
                     .hypot(OF_POSE * along_axis(camera))
-                    .min(MOST_UNCERTAINTY);
+                    .min(DepthResponse::MOST_UNCERTAINTY);
                 self.say_left_out(id, found.unread.iter().chain(&found.left_out));
                 let misfit = found.misfit.iter();
                 self.words
@@ -251,8 +251,6 @@ fn error_of_table(table: &PaperFit, found: &BoardsBias) -> DepthError {
 /// How many standard deviations of the depth camera's position its stated "bias at most" covers. Two were too few: in a
 /// session whose board moved, 1.76 mm remained where 1.63 mm were stated.
 const OF_POSE: f64 = 3.0;
-/// The largest uncertainty in metres that a response may state.
-const MOST_UNCERTAINTY: f64 = 10.0;
 
 /// Standard deviation of a camera's centre along its axis, in metres: by so much all boards may be nearer or farther.
 /// The error of its focal length is in it, for the two are fitted to the same views.

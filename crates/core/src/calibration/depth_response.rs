@@ -37,6 +37,14 @@ impl Default for DepthResponse {
 }
 
 impl DepthResponse {
+    /// The largest uncertainty in metres that a response may state. It stands for one that is not known.
+    pub const MOST_UNCERTAINTY: f64 = 10.0;
+
+    /// Whether it is known how far off its depth is.
+    pub fn has_known_uncertainty(&self) -> bool {
+        self.uncertainty < Self::MOST_UNCERTAINTY
+    }
+
     /// Checks the numbers.
     ///
     /// # Errors
@@ -94,7 +102,7 @@ impl DepthResponse {
                 "a positive scale over the range",
             );
         }
-        if !(0.0..=10.0).contains(&self.uncertainty) {
+        if !(0.0..=Self::MOST_UNCERTAINTY).contains(&self.uncertainty) {
             return bad(
                 "depth response uncertainty",
                 self.uncertainty.to_string(),

@@ -7,7 +7,7 @@ use super::verdict_of_contradictions::contradictions;
 use super::verdict_of_joints::single_joints;
 use super::verdict_of_lens::beyond_model;
 use super::verdict_of_shape::of_shape;
-use crate::calibration::{CalibrationLevel, Camera};
+use crate::calibration::{CalibrationLevel, Camera, DepthResponse};
 use crate::frame::CameraId;
 use crate::range;
 use crate::words::count;
@@ -523,9 +523,14 @@ fn of_depth_error(id: &CameraId, error: &DepthError, limits: &Limits) -> Vec<Rea
         return vec![Reason::new(CalibrationLevel::Doubtful, kind, words)];
     }
     let unknown = (at_most > *depth_bias_mm).then(|| {
-        let words = format!(
-            "depth camera {id}: its distances are known only to {at_most:.2} mm, expected {depth_bias_mm} or better"
-        );
+        let words = match error.at_most < DepthResponse::MOST_UNCERTAINTY {
+            true => format!(
+                "depth camera {id}: its distances are known only to {at_most:.2} mm, expected {depth_bias_mm} or better"
+            ),
+            false => format!(
+                "depth camera {id}: it is not known how far off its distances are, expected {depth_bias_mm} mm at most"
+            ),
+        };
         Reason::new(by_most(at_most, *depth_unknown_mm), ReasonKind::DepthUnknown, words)
     });
     // They may be off in places and leave no mean bias.
@@ -602,6 +607,20 @@ mod tests {
             let expected = Reason::new(level, ReasonKind::DepthBowl, words);
             assert_eq!(told(0.1, Some(off_mm)), [expected]);
         }
+    }
+
+    #[test]
+    fn an_error_that_is_not_known_is_told_as_such() {
+        let found = judged(DepthError {
+            seen: 0.0,
+            at_most: DepthResponse::MOST_UNCERTAINTY,
+            misfit: None,
+            boards: LeftOutShare::default(),
+            change: None,
+        });
+        assert_eq!(found[0].level, CalibrationLevel::Doubtful);
+        let words = "depth camera kinect: it is not known how far off its distances are, ";
+        assert!(found[0].words.starts_with(words), "{found:?}");
     }
 
     #[test]

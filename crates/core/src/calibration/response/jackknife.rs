@@ -29,7 +29,8 @@ pub(super) fn slope_deviation(normals: &BoardEquations) -> Option<f64> {
     (steps.len() >= 2).then(|| ((count - 1.0) / count * squares).sqrt())
 }
 
-/// Standard deviation of the depth that the line gives to these readings, the larger one, in metres.
+/// Standard deviation of the depth that the line gives to these readings, the larger one, in metres; infinite from
+/// fewer than two boards, with which nothing can be compared.
 pub(super) fn deviation(normals: &BoardEquations, readings: [f64; 2]) -> f64 {
     let without = normals
         .of_boards
@@ -38,7 +39,7 @@ pub(super) fn deviation(normals: &BoardEquations, readings: [f64; 2]) -> f64 {
     let steps: Vec<Vector4<f64>> = without.flatten().collect();
     let count = steps.len() as f64;
     if steps.len() < 2 {
-        return 0.0;
+        return f64::INFINITY;
     }
     let of_reading = |reading: f64| {
         let moved = |step: &Vector4<f64>| step[0] * reading + step[1];
@@ -89,5 +90,11 @@ mod tests {
         let found = deviation(&boards(&alternating), [0.0, 1.0]);
         assert!((0.35e-3..0.6e-3).contains(&found), "{found}");
         assert!(deviation(&boards(&[2e-4; 20]), [0.0, 1.0]) < 1e-9);
+    }
+
+    #[test]
+    fn of_a_single_board_no_error_is_known() {
+        let one = deviation(&boards(&[1e-3]), [0.0, 1.0]);
+        assert_eq!(one, f64::INFINITY);
     }
 }

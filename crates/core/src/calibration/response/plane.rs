@@ -18,6 +18,9 @@ use rayon::prelude::*;
 
 /// The least uncertainty, in metres, that is stated.
 const LEAST_DOUBT: f64 = 1e-4;
+/// Standard deviation of the slope that a factory set, as a share of it: all that is known of a slope that the boards
+/// do not show.
+const FACTORY_SLOPE: f64 = 0.01;
 
 /// A fitted response with what it leaves.
 #[derive(Clone, Debug, PartialEq)]
@@ -90,8 +93,14 @@ fn report(
     let readings = [near, far].map(|z| (z - values[1]) / values[0]);
     let lateral = Lateral::of([values[2], values[3]]);
     let normals = normals(planes, values, lateral, parameters);
-    let doubt = jackknife::deviation(&normals, readings).max(LEAST_DOUBT);
     let is_line = spans(planes, parameters.min_span);
+    let of_slope = if is_line {
+        0.0
+    } else {
+        doubt_of_slope([near, far])
+    };
+    let doubt = jackknife::deviation(&normals, readings).max(LEAST_DOUBT);
+    let doubt = doubt.hypot(of_slope);
     let line = [values[0], values[1]];
     let patches: Vec<Vec<Patch>> = planes.iter().map(|p| p.patches(lens, line)).collect();
     let placements: Vec<&str> = planes.iter().map(|p| p.placement).collect();
@@ -106,7 +115,8 @@ fn report(
         uncertainty: bias
             .iter()
             .map(|b| b.bias.abs())
-            .fold(doubt.max(unfit), f64::max),
+            .fold(doubt.max(unfit), f64::max)
+            .min(DepthResponse::MOST_UNCERTAINTY),
     };
     let views = planes
         .iter()
@@ -125,6 +135,12 @@ fn report(
         correction,
         misfit,
     })
+}
+
+/// What an assumed slope leaves unknown at the far end of the range, in metres: the boards show the depth where they
+/// were.
+fn doubt_of_slope([near, far]: [f64; 2]) -> f64 {
+    FACTORY_SLOPE * (far * (1.0 + BEYOND) - 0.5 * (near + far))
 }
 
 /// For each view its samples' pixels with their error over z²: what a disparity is off.

@@ -66,6 +66,14 @@ fn readings(
 }
 
 fn fitted(poses: &[Isometry3<f64>], frames: &[Vec<Grid<u16>>]) -> Result<PlaneFit, ResponseError> {
+    fitted_with(poses, frames, &PlaneParameters::default())
+}
+
+fn fitted_with(
+    poses: &[Isometry3<f64>],
+    frames: &[Vec<Grid<u16>>],
+    parameters: &PlaneParameters,
+) -> Result<PlaneFit, ResponseError> {
     let means: Vec<Grid<f32>> = frames.iter().map(|f| mean_readings(f).unwrap()).collect();
     let names: Vec<String> = (0..poses.len()).map(|k| format!("p{k}")).collect();
     let views = poses
@@ -78,7 +86,7 @@ fn fitted(poses: &[Isometry3<f64>], frames: &[Vec<Grid<u16>>]) -> Result<PlaneFi
             readings,
         });
     let views: Vec<PlaneView<'_>> = views.collect();
-    fit_plane(&lens(), &board(), &views, &PlaneParameters::default())
+    fit_plane(&lens(), &board(), &views, parameters)
 }
 
 fn no_pattern(_: f64, _: f64) -> f64 {
@@ -239,6 +247,16 @@ fn boards_at_one_distance_give_an_offset_and_no_slope() {
         "{:?}",
         fit.response
     );
+    // A factory's slope is known to 1 %: a quarter of a metre beyond the boards these are 2.5 mm.
+    let stated = fit.response.uncertainty;
+    assert!((0.0024..0.005).contains(&stated), "{stated}");
+    // One board is compared with nothing.
+    let parameters = PlaneParameters {
+        min_views: 1,
+        ..PlaneParameters::default()
+    };
+    let one = fitted_with(&poses[..1], &frames[..1], &parameters).unwrap();
+    assert_eq!(one.response.uncertainty, DepthResponse::MOST_UNCERTAINTY);
 }
 
 #[test]

@@ -175,7 +175,10 @@ fn heading(html: &mut String, page: &CalibrationPage<'_>) {
         figure("", format!("{:.3} mm", 1e3 * at_object), words);
     }
     for (id, depth) in page.depths {
-        let value = format!("{:.2} mm", 1e3 * depth.response.uncertainty);
+        let value = match depth.response.has_known_uncertainty() {
+            true => format!("{:.2} mm", 1e3 * depth.response.uncertainty),
+            false => "unknown".to_owned(),
+        };
         figure("", value, &format!("bias of {id}'s depth at most"));
     }
     *html += "</p>\n";
