@@ -256,11 +256,7 @@ const OF_POSE: f64 = 3.0;
 /// The error of its focal length is in it, for the two are fitted to the same views.
 fn along_axis(camera: &FittedCamera) -> f64 {
     let axis = camera.camera.rig_from_camera * Vector3::z();
-    let position = camera.uncertainty.position;
-    (0..3)
-        .map(|k| (axis[k] * position[k]).powi(2))
-        .sum::<f64>()
-        .sqrt()
+    camera.uncertainty.position_along(&axis)
 }
 
 /// The burst of each placement whose board's front lies where `camera_from_front` says, its mean taken, with the pose

@@ -6,7 +6,7 @@ use super::session::View;
 use crate::calibration::{Board, BoardShape, Camera, Face, Volume};
 use crate::frame::CameraId;
 use crate::statistics::upper_median;
-use nalgebra::{Isometry3, Point2, Vector2};
+use nalgebra::{Isometry3, Matrix3, Point2, Vector2, Vector3};
 
 /// A calibrated rig with its uncertainties.
 #[derive(Clone, Debug)]
@@ -158,6 +158,18 @@ pub struct Uncertainty {
     pub rotation_degrees: [f64; 3],
     /// Of its centre along the rig's x, y and z, in metres.
     pub position: [f64; 3],
+    /// Covariance of its centre in the rig, in square metres: what is unknown of it along one axis hangs together with
+    /// what is unknown along another.
+    #[serde(skip)]
+    pub position_covariance: Matrix3<f64>,
+}
+
+impl Uncertainty {
+    /// Standard deviation of the camera's centre along a direction of length 1 in the rig, in metres.
+    pub fn position_along(&self, direction: &Vector3<f64>) -> f64 {
+        let variance = direction.dot(&(self.position_covariance * direction));
+        variance.max(0.0).sqrt()
+    }
 }
 
 /// How well placements are predicted that the fit did not see.
@@ -305,4 +317,25 @@ pub(super) fn coverage(size: [usize; 2], pixels: impl Iterator<Item = Point2<f64
         cells[cell(pixel.y, size[1]) * 10 + cell(pixel.x, size[0])] = true;
     }
     cells.iter().filter(|&&seen| seen).count() as f64 / 100.0
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn errors_of_a_position_that_hang_together_add_up_along_one_direction_and_cancel_along_another()
+    {
+        let error = Vector3::new(0.001, -0.001, 0.0);
+        let uncertainty = Uncertainty {
+            position: [0.001, 0.001, 0.0],
+            position_covariance: error * error.transpose(),
+            ..Uncertainty::default()
+        };
+        let along =
+            |x: f64, y: f64| uncertainty.position_along(&Vector3::new(x, y, 0.0).normalize());
+        assert!((along(1.0, 0.0) - 0.001).abs() < 1e-12);
+        assert!((along(1.0, -1.0) - error.norm()).abs() < 1e-12);
+        assert!(along(1.0, 1.0) < 1e-9);
+    }
 }

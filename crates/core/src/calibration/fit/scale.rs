@@ -235,14 +235,11 @@ fn of_distance(
     let [a, b] = [find(&distance.cameras[0])?, find(&distance.cameras[1])?];
     let between = b.camera.center() - a.camera.center();
     let length = between.norm();
-    // Along the line between them; the two errors are taken for independent.
-    let along = between.map(|v| (v / length.max(1e-9)).powi(2));
-    let variance = [a, b].map(|c| {
-        let position = c.uncertainty.position;
-        (0..3).map(|k| along[k] * position[k].powi(2)).sum::<f64>()
-    });
+    // The errors of the two along the line between them are taken for independent.
+    let along = between / length.max(1e-9);
+    let [of_a, of_b] = [a, b].map(|c| c.uncertainty.position_along(&along));
     let measured = distance.measured;
-    let deviation = (variance[0] + variance[1] + measured.deviation.powi(2)).sqrt();
+    let deviation = of_a.hypot(of_b).hypot(measured.deviation);
     let mut found = parameters.reading(length / measured.metres - 1.0, deviation / measured.metres);
     let numbers = format!(
         "scale: cameras {} and {} are {} apart; measured: {} ±{}",

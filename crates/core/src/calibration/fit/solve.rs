@@ -641,5 +641,6 @@ fn uncertainty(camera_from_rig: &Isometry3<f64>, covariance: &DMatrix<f64>) -> U
         distortion: std::array::from_fn(|i| deviation(4 + i)),
         rotation_degrees: std::array::from_fn(|i| deviation(PARAMETERS + i).to_degrees()),
         position: std::array::from_fn(|i| of_center[(i, i)].max(0.0).sqrt()),
+        position_covariance: of_center,
     }
 }
