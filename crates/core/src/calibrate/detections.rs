@@ -475,9 +475,10 @@ impl Detections {
 
 #[cfg(test)]
 mod tests {
+    use super::super::{DepthMethod, Options, run};
     use super::*;
-    use crate::calibration::fit::{Corner, Parameters, Rejection, diagnose, fit};
-    use crate::calibration::{Camera, Distortion, Face};
+    use crate::calibration::fit::{Corner, Parameters, Reason, Rejection, diagnose, fit};
+    use crate::calibration::{CalibrationLevel, Camera, Distortion, Face};
     use crate::frame::Stream;
     use crate::recording::{Compression, Writer, testing};
     use nalgebra::{Isometry3, Vector2, Vector3};
@@ -787,6 +788,58 @@ mod tests {
         detections.keep_placements(Some("p12"), None).unwrap();
         assert_eq!(detections.session.placements, in_order[11..]);
         assert_eq!(detections.session.views.len(), 2 * 9);
+    }
+
+    #[test]
+    fn a_depth_camera_that_cannot_be_calibrated_makes_a_calibration_doubtful() {
+        let board = Board::checkerboard(9, 6, 0.025).unwrap();
+        let cameras = pair(20, 0);
+        let subject = |camera: &Camera| SessionCamera {
+            id: camera.id.clone(),
+            size: [1280, 960],
+            known: None,
+            start: None,
+        };
+        let views = (0..12).flat_map(|placement| {
+            let of = |(index, camera): (usize, &Camera)| View {
+                camera: index,
+                placement,
+                ..seen(&board, camera, placement)
+            };
+            cameras.iter().enumerate().map(of).collect::<Vec<_>>()
+        });
+        let session = Session {
+            board,
+            cameras: cameras.iter().map(subject).collect(),
+            placements: (0..12).map(|k| format!("p{k}")).collect(),
+            views: views.collect(),
+        };
+        let judged = |without_color: BTreeSet<CameraId>| {
+            let detections = Detections {
+                session: session.clone(),
+                without_color,
+                rejected: Vec::new(),
+                ..detections()
+            };
+            let options = Options {
+                fit: Parameters::default(),
+                depth: DepthMethod::None,
+                responses: BTreeMap::new(),
+                wanted: Default::default(),
+                limits: Default::default(),
+                witnesses: Default::default(),
+                measured: Default::default(),
+            };
+            let outcome = run(detections, &[], options).unwrap();
+            outcome.judgement
+        };
+        let kinect = CameraId::new("kinect").unwrap();
+        let judgement = judged(BTreeSet::from([kinect]));
+        assert!(judgement.level >= CalibrationLevel::Doubtful);
+        let words = "camera kinect is not calibrated: it has no colour pictures, ";
+        let is_told = |r: &Reason| r.words.starts_with(words);
+        assert!(judgement.reasons.iter().any(is_told), "{judgement:?}");
+        assert!(!judged(BTreeSet::new()).reasons.iter().any(is_told));
     }
 
     #[test]

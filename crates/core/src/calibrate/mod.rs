@@ -17,13 +17,14 @@ pub use error::{Error, Rejected};
 pub use import::{import, load, of_recording};
 
 use crate::calibration::fit::{
-    self, CameraDistance, CoverageLimits, Finding, Fit, FittedCamera, Judgement, Limits,
+    self, CameraDistance, CoverageLimits, Finding, Fit, FittedCamera, Judgement, LeftOut, Limits,
     MeasuredLengths, ScaleWitnessLimits, WitnessReading, diagnose, judge, missing,
     refer_to_findings, witnesses,
 };
 use crate::calibration::{CalibrationVerdict, DepthResponse, RigCalibration};
 use crate::capture::Placements;
 use crate::frame::CameraId;
+use detections::WITHOUT_COLOR;
 use std::collections::BTreeMap;
 
 /// How a session is calibrated.
@@ -120,6 +121,8 @@ pub fn run(
         options.limits.placements,
     );
     refer_to_findings(&mut fit.left_out, &findings);
+    fit.left_out
+        .extend(detections.without_color.iter().map(without_color));
     let (slopes, measured) = (depth.slopes(), &options.measured);
     let scale = witnesses(&fit, &slopes, measured, &options.witnesses);
     let judgement = judge(&fit, &findings, &depth.found(), &options.limits);
@@ -137,6 +140,17 @@ pub fn run(
         missing,
         depth,
     })
+}
+
+/// That a depth camera could not see the board in any picture.
+fn without_color(id: &CameraId) -> LeftOut {
+    LeftOut {
+        camera: Some(id.clone()),
+        placement: None,
+        reason: format!("it {WITHOUT_COLOR}: let it record them, too"),
+        views: Vec::new(),
+        apart: None,
+    }
 }
 
 /// Refuses distances of cameras that are not in the session.
