@@ -168,9 +168,8 @@ pub fn run(args: Args) -> anyhow::Result<ExitCode> {
         recordings.iter().flat_map(Placements::cameras).collect();
     args.files.refuse_to_replace(cameras.keys(), args.force)?;
     let board = calibrate::board(args.board, &recordings)?;
-    let mut detections = detect_boards(&recordings, &board, &lenses, args.quiet)?;
     let range = [&args.from_placement, &args.until_placement].map(Option::as_deref);
-    detections.keep_placements(range[0], range[1])?;
+    let detections = detect_boards(&recordings, &board, &lenses, range, args.quiet)?;
     if let (true, Some(known)) = (args.check, &lenses.known) {
         let check = calibrate::check(&detections, &recordings, known, &check_options(&config))?;
         return Ok(check::print(&check, &detections, args.json, args.quiet));
@@ -309,23 +308,27 @@ fn detect_boards(
     recordings: &[Placements],
     board: &Board,
     lenses: &Lenses,
+    range: [Option<&str>; 2],
     quiet: bool,
 ) -> anyhow::Result<Detections> {
-    let pictures = recordings.iter().map(|r| r.shots().len()).sum::<usize>();
-    let progress = progress(pictures as u64, quiet);
+    let progress = progress(quiet);
+    let on_picture = |pictures: usize| {
+        progress.set_length(pictures as u64);
+        progress.inc(1);
+    };
     let lenses = [&lenses.known, &lenses.start].map(Option::as_ref);
-    let detections = calibrate::detect_boards(recordings, board, lenses, &|| progress.inc(1))?;
+    let detections = calibrate::detect_boards(recordings, board, lenses, range, &on_picture)?;
     progress.finish_and_clear();
     print_problems(detections.warnings.iter().chain(&detections.lost), quiet);
     Ok(detections)
 }
 
-fn progress(length: u64, quiet: bool) -> ProgressBar {
+fn progress(quiet: bool) -> ProgressBar {
     if quiet || !std::io::stderr().is_terminal() {
         return ProgressBar::hidden();
     }
     let style = ProgressStyle::with_template("looking for the board [{bar:30}] {pos}/{len}");
-    ProgressBar::new(length).with_style(style.unwrap_or_else(|_| ProgressStyle::default_bar()))
+    ProgressBar::new(0).with_style(style.unwrap_or_else(|_| ProgressStyle::default_bar()))
 }
 
 fn print_problems<'a>(problems: impl IntoIterator<Item = &'a String>, quiet: bool) {

@@ -91,26 +91,41 @@ struct Detection<'a> {
     found: Result<View, Rejection>,
 }
 
-/// Looks for the board in all pictures, on all cores; `on_picture` is called after each. `lenses` are those to keep,
-/// and those to start from. A picture that cannot be read is lost, not an error.
+/// Looks for the board in the pictures of the placements from the first to the last one of `range`, both included, on
+/// all cores; `on_picture` is called after each with their number. `lenses` are those to keep, and those to start from.
+/// A picture that cannot be read is lost, not an error.
 ///
 /// # Errors
-/// If a lens belongs to pictures of another size, or most pictures show a board of another size.
+/// If a placement of the range is not there, its last one comes before the first, a lens belongs to pictures of another
+/// size, or most pictures show a board of another size.
 pub fn detect_boards(
     recordings: &[Placements],
     board: &Board,
     lenses: [Option<&RigCalibration>; 2],
-    on_picture: &(dyn Fn() + Sync),
+    range: [Option<&str>; 2],
+    on_picture: &(dyn Fn(usize) + Sync),
 ) -> Result<Detections, Error> {
     let placements = placement_names(recordings);
-    let mut detections = Detections::new(board, &placements);
-    let shots: Vec<Vec<Shot>> = recordings.iter().map(Placements::shots).collect();
+    let kept = kept_placements(&placements, range)?;
+    // What lies outside must not count anywhere: it is not read at all.
+    let of_range = |(recording, names): (&Placements, &PlacementNames)| {
+        let is_kept = |shot: &Shot| {
+            let name = names.get(&shot.placement);
+            name.is_some_and(|name| kept.contains(name))
+        };
+        let shots = recording.shots().into_iter().filter(is_kept);
+        shots.collect::<Vec<Shot>>()
+    };
+    let named = recordings.iter().zip(&placements);
+    let shots: Vec<Vec<Shot>> = named.map(of_range).collect();
+    let pictures: usize = shots.iter().map(Vec::len).sum();
+    let mut detections = Detections::new(board, kept);
     let mut found = Vec::new();
     for ((recording, names), shots) in recordings.iter().zip(&placements).zip(&shots) {
         detections.take_problems(recording);
         let detect = |shot| {
             let detection = detect(recording, shot, board, names);
-            on_picture();
+            on_picture(pictures);
             detection
         };
         let done: Vec<Result<Detection, Error>> = shots.par_iter().map(detect).collect();
@@ -308,6 +323,33 @@ pub(super) fn placement_names(recordings: &[Placements]) -> Vec<PlacementNames> 
     all
 }
 
+/// The names of the placements from one to another, both of them included, in the order of the session.
+///
+/// # Errors
+/// If one is not there, or the last comes before the first.
+fn kept_placements(
+    all: &[PlacementNames],
+    [from, until]: [Option<&str>; 2],
+) -> Result<Vec<String>, Error> {
+    let names: Vec<String> = all.iter().flat_map(|n| n.names.iter().cloned()).collect();
+    let index = |name: &str| {
+        let found = names.iter().position(|known| known == name);
+        found.ok_or_else(|| Error::NoSuchPlacement {
+            name: name.to_owned(),
+            known: names.join(", "),
+        })
+    };
+    let first = from.map_or(Ok(0), index)?;
+    let last = until.map_or(Ok(names.len().saturating_sub(1)), index)?;
+    if first > last {
+        return Err(Error::NoPlacements {
+            from: from.unwrap_or_default().to_owned(),
+            until: until.unwrap_or_default().to_owned(),
+        });
+    }
+    Ok(names.get(first..=last).unwrap_or_default().to_vec())
+}
+
 fn detect<'a>(
     recording: &Placements,
     shot: &'a Shot,
@@ -333,16 +375,13 @@ fn detect<'a>(
 }
 
 impl Detections {
-    /// Nothing is seen yet.
-    fn new(board: &Board, placements: &[PlacementNames]) -> Self {
+    /// Nothing is seen yet of these placements.
+    fn new(board: &Board, placements: Vec<String>) -> Self {
         Self {
             session: Session {
                 board: *board,
                 cameras: Vec::new(),
-                placements: placements
-                    .iter()
-                    .flat_map(|names| names.names.iter().cloned())
-                    .collect(),
+                placements,
                 views: Vec::new(),
             },
             depth_cameras: Vec::new(),
@@ -391,43 +430,6 @@ impl Detections {
                 cause,
             }),
         }
-    }
-
-    /// Keeps the placements from one to another, both of them included, in the order of the session.
-    ///
-    /// # Errors
-    /// If one is not there, or the last comes before the first.
-    pub fn keep_placements(
-        &mut self,
-        from: Option<&str>,
-        until: Option<&str>,
-    ) -> Result<(), Error> {
-        let names = &self.session.placements;
-        let index = |name: &str| {
-            let found = names.iter().position(|known| known == name);
-            found.ok_or_else(|| Error::NoSuchPlacement {
-                name: name.to_owned(),
-                known: names.join(", "),
-            })
-        };
-        let first = from.map_or(Ok(0), index)?;
-        let last = until.map_or(Ok(names.len().saturating_sub(1)), index)?;
-        if first > last {
-            return Err(Error::NoPlacements {
-                from: from.unwrap_or_default().to_owned(),
-                until: until.unwrap_or_default().to_owned(),
-            });
-        }
-        let kept = names.get(first..=last).unwrap_or_default().to_vec();
-        self.rejected.retain(|r| kept.contains(&r.placement));
-        self.session
-            .views
-            .retain(|v| (first..=last).contains(&v.placement));
-        for view in &mut self.session.views {
-            view.placement -= first;
-        }
-        self.session.placements = kept;
-        Ok(())
     }
 
     /// Counts views with fewer corners than are needed among the pictures without a board that can be used.
@@ -520,8 +522,11 @@ mod tests {
         let cameras = BTreeMap::from([(CameraId::new("left").unwrap(), files)]);
         let recordings = [open_pictures(cameras).unwrap()];
         let board = Board::checkerboard(9, 6, 0.025).unwrap();
-        detect_boards(&recordings, &board, [None, None], &|| {}).unwrap()
+        detect_boards(&recordings, &board, [None, None], ALL, &|_| {}).unwrap()
     }
+
+    /// All placements.
+    const ALL: [Option<&str>; 2] = [None, None];
 
     /// A black PNG that is marked to be shown with this orientation.
     fn png_file(width: u32, height: u32, orientation: u8) -> Vec<u8> {
@@ -571,7 +576,7 @@ mod tests {
         writer.finish().unwrap();
         let recordings = open(&[path], &sync::Parameters::default()).unwrap();
         let board = Board::checkerboard(9, 6, 0.025).unwrap();
-        let found = detect_boards(&recordings, &board, [None, None], &|| {}).unwrap();
+        let found = detect_boards(&recordings, &board, [None, None], ALL, &|_| {}).unwrap();
         assert_eq!(found.without_color, BTreeSet::from([kinect]));
         assert!(found.session.cameras.is_empty() && found.depth_cameras.is_empty());
         let expected =
@@ -606,7 +611,7 @@ mod tests {
             ..RigCalibration::default()
         };
         for lenses in [[Some(&known), None], [None, Some(&known)]] {
-            let found = detect_boards(&recordings, &board, lenses, &|| {}).unwrap();
+            let found = detect_boards(&recordings, &board, lenses, ALL, &|_| {}).unwrap();
             assert_eq!(found.lost.len(), 1, "{:?}", found.lost);
             assert!(found.lost[0].contains("right.png"), "{:?}", found.lost);
             let lens = |c: &SessionCamera| c.known.or(c.start);
@@ -736,7 +741,8 @@ mod tests {
         let cameras = ["left", "right"].map(|id| (CameraId::new(id).unwrap(), files(id)));
         let recordings = [open_pictures(cameras.into_iter().collect()).unwrap()];
         let names = placement_names(&recordings);
-        let mut detections = Detections::new(&board, &names);
+        let all = kept_placements(&names, ALL).unwrap();
+        let mut detections = Detections::new(&board, all);
         let in_order: Vec<String> = (1..=20).map(|k| format!("p{k}")).collect();
         assert_eq!(detections.session.placements, in_order);
         assert_eq!(names[0].get("p12").map(String::as_str), Some("p12"));
@@ -785,9 +791,8 @@ mod tests {
         for part in ["between p11 and p12", "--from-placement p12"] {
             assert!(words[0].contains(part), "{words:?}");
         }
-        detections.keep_placements(Some("p12"), None).unwrap();
-        assert_eq!(detections.session.placements, in_order[11..]);
-        assert_eq!(detections.session.views.len(), 2 * 9);
+        let sound = kept_placements(&names, [Some("p12"), None]).unwrap();
+        assert_eq!(sound, in_order[11..]);
     }
 
     #[test]
@@ -844,24 +849,19 @@ mod tests {
 
     #[test]
     fn the_sound_part_of_a_session_is_kept_alone() {
+        let mut names = PlacementNames::default();
+        for name in ["p0", "p1", "p2", "p4", "p5"] {
+            names.insert(name.into(), name.into());
+        }
+        let names = [names];
         let kept = |from, until| {
-            let mut detections = detections();
-            detections.keep_placements(from, until).map(|()| {
-                let session = &detections.session;
-                let seen = session
-                    .views
-                    .iter()
-                    .map(|v| session.placements[v.placement].clone());
-                (
-                    seen.collect::<Vec<_>>().join(" "),
-                    detections.rejected.len(),
-                )
-            })
+            let kept = kept_placements(&names, [from, until]);
+            kept.map(|kept| kept.join(" "))
         };
-        assert_eq!(kept(None, None).unwrap(), ("p0 p1 p2 p4 p5".to_owned(), 1));
-        assert_eq!(kept(Some("p2"), None).unwrap(), ("p2 p4 p5".to_owned(), 1));
-        assert_eq!(kept(None, Some("p2")).unwrap(), ("p0 p1 p2".to_owned(), 0));
-        assert_eq!(kept(Some("p4"), Some("p4")).unwrap(), ("p4".to_owned(), 0));
+        assert_eq!(kept(None, None).unwrap(), "p0 p1 p2 p4 p5");
+        assert_eq!(kept(Some("p2"), None).unwrap(), "p2 p4 p5");
+        assert_eq!(kept(None, Some("p2")).unwrap(), "p0 p1 p2");
+        assert_eq!(kept(Some("p4"), Some("p4")).unwrap(), "p4");
         let error = kept(Some("p9"), None).unwrap_err().to_string();
         assert!(
             error.contains("\"p9\"") && error.contains("p0, p1"),
@@ -872,5 +872,34 @@ mod tests {
             error.contains("\"p2\", comes before the first one, \"p4\""),
             "{error}"
         );
+    }
+
+    #[test]
+    fn what_lies_outside_the_sound_part_is_not_read() {
+        let folder = tempfile::tempdir().unwrap();
+        let file = |(index, bytes): (usize, Vec<u8>)| {
+            let path = folder.path().join(format!("{}.png", index + 1));
+            std::fs::write(&path, bytes).unwrap();
+            path
+        };
+        let pictures = [
+            png_file(32, 24, 1),
+            png_file(32, 24, 1),
+            b"no picture".to_vec(),
+            png_file(16, 12, 1),
+        ];
+        let files = pictures.into_iter().enumerate().map(file).collect();
+        let cameras = BTreeMap::from([(CameraId::new("left").unwrap(), files)]);
+        let recordings = [open_pictures(cameras).unwrap()];
+        let board = Board::checkerboard(9, 6, 0.025).unwrap();
+        let found = |until: Option<&str>| {
+            let lenses = [None, None];
+            detect_boards(&recordings, &board, lenses, [None, until], &|_| {}).unwrap()
+        };
+        assert_eq!(found(None).lost.len(), 2, "{:?}", found(None).lost);
+        let sound = found(Some("p2"));
+        assert!(sound.lost.is_empty(), "{:?}", sound.lost);
+        assert_eq!(sound.session.placements, ["p1", "p2"]);
+        assert_eq!(sound.rejected.len(), 2);
     }
 }
