@@ -1,6 +1,6 @@
 //! Tests the check of a calibrated rig, and the measurements that confirm or contradict its scale.
 
-use super::synthetic::{Random, Truth, color_lens, looking, placed, placements, rig as whole_rig};
+use super::synthetic::{Random, Truth, color_lens, looking, placements, rig as whole_rig, upright};
 use super::*;
 use crate::calibration::{Board, BoardShape, CalibrationLevel, Camera, Face, RigCalibration};
 use nalgebra::{Isometry3, Point3, Vector3};
@@ -198,12 +198,7 @@ fn a_camera_that_nobody_shared_a_placement_with_is_not_said_to_have_stayed() {
 /// its back. The sides do not lie exactly behind each other.
 fn two_sided(shown: usize) -> Truth {
     let board = Board::charuco(11, 8, 0.02, true).unwrap();
-    let upright = |k: usize| {
-        let to = 2.4 * k as f64;
-        let tilt = Vector3::new(to.cos(), to.sin(), 0.0) * 1.4;
-        placed(&board, Point3::new(0.02, -0.01, 0.12), tilt, 0.3)
-    };
-    Truth::new(board, whole_rig(), (0..shown).map(upright).collect())
+    Truth::new(board, whole_rig(), upright(&board, shown))
 }
 
 #[test]

@@ -408,7 +408,26 @@ impl<'a> Solver<'a> {
         }
     }
 
+    /// Puts the back to where the board's description has it if what told its pose was left out: nothing would hold it,
+    /// and the equations could not be solved. What was seen of it stays where it is.
+    fn hold_back_that_nothing_tells(&mut self) {
+        if !self.bundle.back_free || both_faces_at_once(&self.session) {
+            return;
+        }
+        let bundle = &mut self.bundle;
+        let nominal = self.session.board.front_from_back();
+        let stays = bundle.board_from_back * nominal.inverse();
+        let of_back = bundle.views.iter().filter(|v| v.back);
+        let placements: BTreeSet<usize> = of_back.map(|v| v.placement).collect();
+        for placement in placements {
+            bundle.placements[placement].rig_from_board *= stays;
+        }
+        bundle.board_from_back = nominal;
+        bundle.back_free = false;
+    }
+
     fn finish(mut self, mut left_out: Vec<LeftOut>) -> Result<Fit, Error> {
+        self.hold_back_that_nothing_tells();
         let (table, table_is_lowest) = self.table()?;
         let board_from_rig = self.bundle.placements[table].rig_from_board.inverse();
         self.bundle.reframe(&(rig_from_table() * board_from_rig));

@@ -122,6 +122,16 @@ pub(super) fn placements(board: &Board, count: usize, random: &mut Random) -> Ve
         .collect()
 }
 
+/// Placements in which a board stands upright amid the cameras, so that these see both of its sides.
+pub(super) fn upright(board: &Board, count: usize) -> Vec<Isometry3<f64>> {
+    let at = |k: usize| {
+        let to = 2.4 * k as f64;
+        let tilt = Vector3::new(to.cos(), to.sin(), 0.0) * 1.4;
+        placed(board, Point3::new(0.02, -0.01, 0.12), tilt, 0.3)
+    };
+    (0..count).map(at).collect()
+}
+
 impl Truth {
     pub(super) fn new(board: Board, cameras: Vec<Camera>, placements: Vec<Isometry3<f64>>) -> Self {
         // Nobody glues two prints together to a tenth of a millimetre.

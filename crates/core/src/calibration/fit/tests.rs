@@ -1,8 +1,10 @@
 //! Tests fits of sessions whose truth is known.
 
-use super::synthetic::{Random, Truth, apart, color_lens, looking, placed, placements, rig};
+use super::synthetic::{
+    Random, Truth, apart, color_lens, looking, placed, placements, rig, upright,
+};
 use super::*;
-use crate::calibration::{Board, BoardShape, CalibrationLevel, Distortion, Intrinsics};
+use crate::calibration::{Board, BoardShape, CalibrationLevel, Distortion, Face, Intrinsics};
 use nalgebra::{Point2, Point3, Vector2, Vector3};
 use std::collections::BTreeMap;
 
@@ -217,6 +219,42 @@ fn a_two_sided_board_is_better_and_its_back_is_found() {
     let with_one = prediction(&one_sided, &fitted(&one_sided, |_| {}).unwrap());
     let with_two = prediction(&two_sided, &found);
     assert!(with_two.0 < with_one.0, "{with_two:?} {with_one:?}");
+}
+
+#[test]
+fn a_back_whose_pose_nothing_tells_any_more_is_where_the_board_has_it() {
+    let board = Board::charuco(11, 8, 0.025, true).unwrap();
+    let mut truth = truth(board, 14, 1);
+    truth.placements.extend(upright(&board, 3));
+    let mut session = truth.session(0.1, &mut Random(7));
+    let is_of_back = |v: &View| v.face == Face::Back;
+    let mut views = session.views.iter();
+    let lone = views.find(|v| v.placement == 14 && is_of_back(v));
+    let lone = lone.unwrap().camera;
+    // One view tells how the sides lie to each other; others show the back alone.
+    session.views.retain(|v| match v.placement {
+        14 => !is_of_back(v) || v.camera == lone,
+        15.. => is_of_back(v),
+        _ => !is_of_back(v),
+    });
+    let mut random = Random(5);
+    let mut views = session.views.iter_mut();
+    let blurred = views.find(|v| v.placement == 14 && is_of_back(v));
+    for corner in &mut blurred.unwrap().corners {
+        corner.pixel += Vector2::new(random.normal(), random.normal());
+    }
+    let parameters = Parameters {
+        folds: 0,
+        ..Parameters::default()
+    };
+    let fit = fit(&session, &parameters).unwrap();
+    let id = &session.cameras[lone].id;
+    let is_lone = |l: &LeftOut| l.camera.as_ref() == Some(id) && l.reason.contains("blurred");
+    assert!(fit.left_out.iter().any(is_lone), "{:?}", fit.left_out);
+    assert_eq!(fit.front_from_back, board.front_from_back());
+    let of_back = fit.views.iter().filter(|v| is_of_back(v));
+    assert!(of_back.count() >= 4);
+    assert!(fit.figures.rms_px < 0.16, "{:?}", fit.figures);
 }
 
 #[test]
