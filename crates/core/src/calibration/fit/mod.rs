@@ -163,7 +163,8 @@ pub enum Error {
     #[error(
         "placement {name:?} cannot define the rig's frame, because no camera saw the board's front there (camera {camera} \
          saw its back): the cameras would lie below the table. Lay the board on the table with its front side up and show \
-         it again, or name a placement whose front was seen ({known}; --table-placement)"
+         it again{}",
+        or_another(known)
     )]
     TableUpsideDown {
         /// What was asked for.
@@ -175,6 +176,16 @@ pub enum Error {
     /// The equations have no solution.
     #[error("the fit failed: {0}")]
     Unsolvable(String),
+}
+
+/// That one of these placements may be named instead.
+fn or_another(known: &str) -> String {
+    match known {
+        "" => String::new(),
+        known => {
+            format!(", or name a placement whose front was seen ({known}; --table-placement)")
+        }
+    }
 }
 
 /// Names the groups, and the views that would join them.

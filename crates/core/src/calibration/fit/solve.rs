@@ -372,7 +372,10 @@ impl<'a> Solver<'a> {
     fn table(&self) -> Result<(usize, bool), Error> {
         let (bundle, board) = (&self.bundle, &self.session.board);
         let (table, below) = match &self.parameters.table_placement {
-            None => lowest_placement(bundle, board).unwrap_or((0, 1.0)),
+            None => match lowest_placement(bundle, board) {
+                Some(lowest) => lowest,
+                None => (self.any_table()?, f64::INFINITY),
+            },
             Some(name) => {
                 let table = self.named_table(name)?;
                 (table, below(bundle, board, &with_front_seen(bundle), table))
@@ -380,6 +383,12 @@ impl<'a> Solver<'a> {
         };
         // Smaller errors are noise.
         Ok((table, below < 0.005))
+    }
+
+    /// A placement for want of one whose front was seen, if it may be the table like one that a person names.
+    fn any_table(&self) -> Result<usize, Error> {
+        let first = self.used().first().copied().unwrap_or(0);
+        self.named_table(&self.session.placements[first])
     }
 
     /// Index of the placement that a person says lies on the table.

@@ -578,6 +578,30 @@ fn a_placement_that_is_named_as_the_table_is_measured_like_any_other() {
 }
 
 #[test]
+fn a_board_of_which_only_the_back_was_seen_defines_no_table() {
+    let board = Board::charuco(11, 8, 0.025, true).unwrap();
+    let mut truth = truth(board, 1, 1);
+    truth.cameras.truncate(11);
+    truth.placements.extend(upright(&board, 20));
+    let mut session = truth.session(0.1, &mut Random(7));
+    session.views.retain(|v| v.face == Face::Back);
+    for (subject, camera) in session.cameras.iter_mut().zip(&truth.cameras) {
+        subject.known = Some(camera.intrinsics);
+    }
+    let error = fit(&session, &Parameters::default()).unwrap_err();
+    // Nobody saw the one that lies on the table.
+    let Error::TableUpsideDown { name, .. } = &error else {
+        panic!("{error}")
+    };
+    assert_eq!(name, "p01");
+    let words = error.to_string();
+    assert!(
+        words.ends_with("with its front side up and show it again"),
+        "{words}"
+    );
+}
+
+#[test]
 fn a_blurred_view_is_named_and_a_duplicate_placement_too() {
     let truth = truth(checkerboard(), 20, 1);
     let mut random = Random(5);
