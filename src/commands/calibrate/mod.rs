@@ -172,6 +172,7 @@ pub fn run(args: Args) -> anyhow::Result<ExitCode> {
     let detections = detect_boards(&recordings, &board, &lenses, range, args.quiet)?;
     if let (true, Some(known)) = (args.check, &lenses.known) {
         let check = calibrate::check(&detections, &recordings, known, &check_options(&config))?;
+        print_problems(&check.lost, args.quiet);
         return Ok(check::print(&check, &detections, args.json, args.quiet));
     }
     let limits = config.calibration.limits.clone();
