@@ -50,8 +50,7 @@ impl DepthArgs {
 
 /// All that is missing, in words.
 pub(super) fn losses(depth: &Depth) -> Vec<String> {
-    let unfitted = depth.unfitted.iter();
-    let unfitted = unfitted.map(|(id, why)| format!("depth camera {id} has no response: {why}"));
+    let unfitted = depth.unfitted_words().map(|(_, words)| words);
     depth.lost.iter().cloned().chain(unfitted).collect()
 }
 

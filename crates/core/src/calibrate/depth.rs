@@ -61,20 +61,24 @@ pub struct Depth {
     pub table: Option<Table>,
     /// What each camera's boards say of the table.
     pub of_table: BTreeMap<CameraId, DepthError>,
-    /// Cameras without a response, and why.
+    /// Cameras for which no response could be fitted, and why.
     pub unfitted: BTreeMap<CameraId, String>,
+    /// Responses that were given and are kept, because none was found.
+    pub given: BTreeMap<CameraId, DepthResponse>,
     /// What a person should know.
     pub words: Vec<String>,
     /// What could not be read.
     pub lost: Vec<String>,
 }
 
-/// Fits the responses of all depth cameras that were fitted.
+/// Fits the responses of all depth cameras that were fitted; of cameras for which none is found, those are kept that
+/// were given.
 pub(super) fn fit_responses(
     method: DepthMethod,
     recordings: &[Placements],
     fit: &Fit,
     depth_cameras: &[CameraId],
+    given: BTreeMap<CameraId, DepthResponse>,
 ) -> Depth {
     let mut depth = Depth::default();
     let cameras = fit.cameras.iter();
@@ -93,6 +97,13 @@ pub(super) fn fit_responses(
         }
         DepthMethod::None => {}
     }
+    let is_fitted = |id: &CameraId| fit.cameras.iter().any(|c| c.camera.id == *id);
+    for (id, response) in given {
+        let is_found = depth_cameras.contains(&id) && depth.response(&id).is_some();
+        if is_fitted(&id) && !is_found {
+            depth.keep(id, response);
+        }
+    }
     depth
 }
 
@@ -108,6 +119,44 @@ impl Depth {
                 uncertainty: uncertainty.min(DepthResponse::MOST_UNCERTAINTY),
                 ..response
             })
+        })
+    }
+
+    /// Keeps a response that was given, and tells of it.
+    fn keep(&mut self, id: CameraId, response: DepthResponse) {
+        // A recording whose depth camera was not calibrated has this one, which nobody measured.
+        if response == DepthResponse::default() {
+            return;
+        }
+        if !self.unfitted.contains_key(&id) {
+            self.words.push(format!(
+                "depth of {id}: no response was fitted, and the one that was given is kept"
+            ));
+        }
+        self.given.insert(id, response);
+    }
+
+    /// The responses that were found for the depth cameras, and those that are kept.
+    pub(super) fn responses(
+        &self,
+        depth_cameras: &[CameraId],
+    ) -> BTreeMap<CameraId, DepthResponse> {
+        let mut all = self.given.clone();
+        let found = depth_cameras.iter();
+        all.extend(found.filter_map(|id| Some((id.clone(), self.response(id)?))));
+        all
+    }
+
+    /// What there is to say of each camera for which no response could be fitted.
+    pub fn unfitted_words(&self) -> impl Iterator<Item = (&CameraId, String)> {
+        self.unfitted.iter().map(move |(id, why)| {
+            let words = match self.given.contains_key(id) {
+                true => format!(
+                    "depth camera {id} keeps the response that was given, because none could be fitted: {why}"
+                ),
+                false => format!("depth camera {id} has no response: {why}"),
+            };
+            (id, words)
         })
     }
 
@@ -139,7 +188,7 @@ impl Depth {
         let fitted = fitted.map(|(id, fit)| (id, Ok(error(fit))));
         let of_table = self.of_table.iter();
         let of_table = of_table.map(|(id, error)| (id, Ok(error.clone())));
-        let unfitted = self.unfitted.iter().map(|(id, why)| (id, Err(why.clone())));
+        let unfitted = self.unfitted_words().map(|(id, words)| (id, Err(words)));
         let all = fitted.chain(of_table).chain(unfitted);
         all.map(|(id, found)| (id.clone(), found)).collect()
     }
@@ -411,6 +460,38 @@ mod tests {
         assert_eq!(judged(&[0.001, -0.04]), [0.04, 0.04]);
         assert_eq!(judged(&[0.0005]), [0.0005, of_line]);
         assert_eq!(judged(&[]), [0.0, of_line]);
+    }
+
+    #[test]
+    fn a_response_that_was_given_is_kept_and_told_of_where_none_could_be_fitted() {
+        let id = CameraId::new("kinect").unwrap();
+        let unfitted = || Depth {
+            unfitted: BTreeMap::from([(id.clone(), "too few boards".to_owned())]),
+            ..Depth::default()
+        };
+        let told = |depth: &Depth| depth.found()[&id].clone().unwrap_err();
+        let cameras = std::slice::from_ref(&id);
+        let given = DepthResponse {
+            slope: 0.00104,
+            ..DepthResponse::default()
+        };
+        let mut depth = unfitted();
+        depth.keep(id.clone(), given);
+        assert_eq!(depth.responses(cameras).get(&id), Some(&given));
+        let words = "depth camera kinect keeps the response that was given, because none could be fitted: too few boards";
+        assert_eq!(told(&depth), words);
+        assert!(depth.words.is_empty(), "{:?}", depth.words);
+        // What nobody measured is no response.
+        let mut depth = unfitted();
+        depth.keep(id.clone(), DepthResponse::default());
+        assert!(depth.responses(cameras).is_empty());
+        let words = "depth camera kinect has no response: too few boards";
+        assert_eq!(told(&depth), words);
+        // Where none was to be fitted, it is no reason to doubt, but told.
+        let mut depth = Depth::default();
+        depth.keep(id.clone(), given);
+        assert!(depth.found().is_empty());
+        assert!(depth.words[0].contains("the one that was given is kept"));
     }
 
     #[test]

@@ -34,7 +34,7 @@ pub struct Options {
     pub fit: fit::Parameters,
     /// Where the depth cameras' responses come from.
     pub depth: DepthMethod,
-    /// Responses of depth cameras for which none is found.
+    /// Responses that depth cameras keep for which none is found.
     pub responses: BTreeMap<CameraId, DepthResponse>,
     /// What the session should have.
     pub wanted: CoverageLimits,
@@ -113,7 +113,9 @@ pub fn run(
         }
     };
     missing.extend(uncompared(&fit.cameras, &options.measured));
-    let depth = depth::fit_responses(options.depth, recordings, &fit, &detections.depth_cameras);
+    let depth_cameras = &detections.depth_cameras;
+    let given = options.responses;
+    let depth = depth::fit_responses(options.depth, recordings, &fit, depth_cameras, given);
     let findings = diagnose(
         &detections.session,
         Some(&fit),
@@ -127,9 +129,7 @@ pub fn run(
     let scale = witnesses(&fit, &slopes, measured, &options.witnesses);
     let judgement = judge(&fit, &findings, &depth.found(), &options.limits);
     let judgement = judgement.with_witnesses(&scale);
-    let mut responses = options.responses;
-    let found = detections.depth_cameras.iter();
-    responses.extend(found.filter_map(|id| Some((id.clone(), depth.response(id)?))));
+    let responses = depth.responses(depth_cameras);
     Ok(Outcome {
         calibration: calibration(&fit, &responses, &judgement),
         detections,

@@ -76,7 +76,7 @@ pub enum ReasonKind {
     TableUnknown,
     /// Lengths that were measured contradict the board's.
     Scale,
-    /// A depth camera has no response.
+    /// A depth camera has no response of this session.
     NoResponse,
     /// A depth camera's readings are biased.
     DepthBias,

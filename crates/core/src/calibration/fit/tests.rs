@@ -368,9 +368,9 @@ fn a_depth_camera_without_a_response_or_with_a_bias_is_named() {
     assert_eq!(biased.level, CalibrationLevel::Doubtful);
     let told = "depth camera kinect: a bias of 1.20 mm is left, expected at most 1";
     assert!(biased.reasons.iter().any(|r| r.words == told), "{biased:?}");
-    let without = judged(Err("no boards".to_owned()));
-    assert_eq!(without.level, CalibrationLevel::Doubtful);
     let told = "depth camera kinect has no response: no boards";
+    let without = judged(Err(told.to_owned()));
+    assert_eq!(without.level, CalibrationLevel::Doubtful);
     assert!(
         without.reasons.iter().any(|r| r.words == told),
         "{without:?}"

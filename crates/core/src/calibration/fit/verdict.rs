@@ -185,7 +185,7 @@ pub struct DepthMisfit {
 }
 
 /// Judges a fit, with the causes on which its left-out views agree and, for each depth camera, the error that its
-/// response leaves, or the reason why it has no response.
+/// response leaves, or in words that it has none of this session, and why.
 pub fn judge(
     fit: &Fit,
     findings: &[Finding],
@@ -470,8 +470,7 @@ fn of_depth(id: &CameraId, found: &Result<DepthError, String>, limits: &Limits) 
             let boards = of_depth_boards(id, error, limits);
             boards.chain(of_depth_error(id, error, limits)).collect()
         }
-        Err(why) => {
-            let words = format!("depth camera {id} has no response: {why}");
+        Err(words) => {
             let (level, kind) = (CalibrationLevel::Doubtful, ReasonKind::NoResponse);
             vec![Reason::new(level, kind, words)]
         }
