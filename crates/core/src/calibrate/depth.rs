@@ -14,7 +14,7 @@ use crate::capture::Placements;
 use crate::frame::CameraId;
 use crate::image::Grid;
 use nalgebra::{Isometry3, Vector3};
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 
 /// Where the depth cameras' responses come from.
@@ -326,18 +326,36 @@ pub(super) fn views(
             let Some(front) = camera_from_front(&placement) else {
                 continue;
             };
-            match recording.depth(burst).map(|frames| mean_readings(&frames)) {
-                Ok(Some(readings)) => views.push(BoardView {
+            let frames = match recording.depth(burst) {
+                Ok(frames) => frames,
+                Err(error) => {
+                    lost.push(error.to_string());
+                    continue;
+                }
+            };
+            match mean_readings(&frames) {
+                Some(readings) => views.push(BoardView {
                     placement,
                     camera_from_face: seen(board, front, front_from_back),
                     readings,
                 }),
-                Ok(None) => {}
-                Err(error) => lost.push(error.to_string()),
+                None => lost.extend(unequal_words(id, &placement, &frames)),
             }
         }
     }
     views
+}
+
+/// That frames of several sizes have no mean; `None` if there is no frame.
+fn unequal_words(id: &CameraId, placement: &str, frames: &[Grid<u16>]) -> Option<String> {
+    let sizes: BTreeSet<[usize; 2]> = frames.iter().map(|f| [f.width(), f.height()]).collect();
+    let sizes: Vec<String> = sizes.iter().map(|[w, h]| format!("{w}x{h}")).collect();
+    (!sizes.is_empty()).then(|| {
+        format!(
+            "depth camera {id}: its frames of {placement} have {} pixels, expected one size; they are left out",
+            sizes.join(" and ")
+        )
+    })
 }
 
 /// What a depth camera read of one placement.
@@ -460,6 +478,17 @@ mod tests {
         assert_eq!(judged(&[0.001, -0.04]), [0.04, 0.04]);
         assert_eq!(judged(&[0.0005]), [0.0005, of_line]);
         assert_eq!(judged(&[]), [0.0, of_line]);
+    }
+
+    #[test]
+    fn frames_of_several_sizes_are_told_of() {
+        let id = CameraId::new("kinect").unwrap();
+        let frames = [(640, 480), (320, 240)].map(|(w, h)| Grid::filled(w, h, 800));
+        let words = "depth camera kinect: its frames of p3 have 320x240 and 640x480 pixels, expected one size; they are \
+                     left out";
+        assert_eq!(mean_readings(&frames), None);
+        assert_eq!(unequal_words(&id, "p3", &frames).as_deref(), Some(words));
+        assert_eq!(unequal_words(&id, "p3", &[]), None);
     }
 
     #[test]

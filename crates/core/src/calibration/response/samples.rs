@@ -44,6 +44,13 @@ impl<'a> Plane<'a> {
     ) -> Result<Self, String> {
         let normal = view.camera_from_face * Vector3::z();
         let offset = normal.dot(&view.camera_from_face.translation.vector);
+        let found = [view.readings.width(), view.readings.height()];
+        if found != [lens.width, lens.height] {
+            return Err(format!(
+                "the depth camera's frames have {}x{} pixels, but its lens is for pictures of {}x{}",
+                found[0], found[1], lens.width, lens.height
+            ));
+        }
         let [columns, rows] = window(lens, board, view).ok_or("the board is not in its picture")?;
         let face_from_camera = view.camera_from_face.inverse();
         let inner = inner(board);
@@ -181,12 +188,11 @@ fn window(
         }
     }
     let all = [lens.width, lens.height];
-    let is_size = view.readings.width() == lens.width && view.readings.height() == lens.height;
     let range = |a: usize| {
         let from = low[a].floor().clamp(0.0, all[a] as f64) as usize;
         from..(high[a].ceil() + 1.0).clamp(0.0, all[a] as f64) as usize
     };
     let ranges = [range(0), range(1)];
-    let fits = is_size && ranges.iter().all(|r| !r.is_empty());
-    fits.then_some(ranges)
+    let is_seen = ranges.iter().all(|r| !r.is_empty());
+    is_seen.then_some(ranges)
 }

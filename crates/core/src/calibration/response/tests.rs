@@ -281,6 +281,10 @@ fn too_little_is_refused_with_what_there_was() {
         message.contains("0 usable views") && message.contains("p1: 0 of"),
         "{message}"
     );
+    let small = vec![vec![Grid::filled(320, 240, 800)]; 3];
+    let message = fitted(&poses, &small).unwrap_err().to_string();
+    let told = "p1: the depth camera's frames have 320x240 pixels, but its lens is for pictures of 640x480";
+    assert!(message.contains(told), "{message}");
     // Boards beside the picture, and behind the camera, are no reason to panic.
     let away = [
         Isometry3::translation(9.0, 0.0, 1.0),
