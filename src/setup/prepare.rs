@@ -97,14 +97,15 @@ impl ConfigSource {
             config.workers.count = 0;
             config.workers.fleet = None;
         }
-        let load = |file: &PathBuf| RigCalibration::load(file).map_err(|e| named(e.to_string()));
-        let calibration = file.as_ref().map(load).transpose()?;
-        let calibration = calibration.as_ref();
+        let load =
+            |file: &PathBuf| RigCalibration::load_with_text(file).map_err(|e| named(e.to_string()));
+        let loaded = file.as_ref().map(load).transpose()?;
+        let calibration = loaded.as_ref().map(|(calibration, _)| calibration);
         let pool = Pool::new(config.capture.memory_mb.saturating_mul(1_000_000));
         let rig_cameras = rig_cameras(&config, calibration, clock, &pool).map_err(named)?;
         let mut header = session_header(&config, calibration, &rig_cameras, text).map_err(named)?;
-        if let Some(file) = &file {
-            add_calibration(&mut header, file, calibration)?;
+        if let Some((calibration, text)) = &loaded {
+            add_calibration(&mut header, calibration, text);
         }
         let silhouette = serde_json::to_value(&config.silhouette).unwrap_or_default();
         let cutting = calibration.map(|calibration| {
@@ -135,27 +136,17 @@ impl ConfigSource {
     }
 }
 
-/// Adds to a header which calibration's file it has, and the verdict of the calibration if it has one.
-fn add_calibration(
-    header: &mut SessionHeader,
-    file: &Path,
-    calibration: Option<&RigCalibration>,
-) -> Result<(), Error> {
-    let sha256 = digest(file)?;
+/// Adds to a header which calibration's file it has, and the verdict of the calibration if it has one. The file is told
+/// by the SHA-256 of its text, as `sha256sum` prints it, so that it can be found again.
+fn add_calibration(header: &mut SessionHeader, calibration: &RigCalibration, text: &str) {
+    let sha256 = format!("{:x}", Sha256::digest(text));
     let about = &mut header.about;
     about.insert("calibration_sha256".into(), sha256.clone());
-    let verdict = calibration.and_then(|calibration| calibration.verdict.clone());
+    let verdict = calibration.verdict.clone();
     header.calibration = verdict.map(|verdict| CalibrationRecord {
         verdict,
         file_sha256: Some(sha256),
     });
-    Ok(())
-}
-
-/// The file's SHA-256, as `sha256sum` prints it, so that the file can be found again.
-fn digest(file: &Path) -> Result<String, Error> {
-    let bytes = std::fs::read(file).map_err(unread("calibration", file))?;
-    Ok(format!("{:x}", Sha256::digest(bytes)))
 }
 
 fn unread(what: &str, path: &Path) -> impl FnOnce(std::io::Error) -> Error {

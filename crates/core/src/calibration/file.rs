@@ -146,8 +146,17 @@ impl RigCalibration {
     /// # Errors
     /// If it cannot be read, or a camera in it cannot be; the message names line or camera and field.
     pub fn load(path: &Path) -> Result<Self, FileError> {
+        Ok(Self::load_with_text(path)?.0)
+    }
+
+    /// Reads a file, and gives with it the text that was read: the file may be another one a moment later.
+    ///
+    /// # Errors
+    /// As [`Self::load`].
+    pub fn load_with_text(path: &Path) -> Result<(Self, String), FileError> {
         refuse_other_kinds(path)?;
-        Self::parse(path, &read_text(path)?)
+        let text = read_text(path)?;
+        Ok((Self::parse(path, &text)?, text))
     }
 
     /// Reads the text of a file, which is called `path` in messages.
@@ -364,6 +373,17 @@ mod tests {
             };
             assert_eq!(read(&judged.to_toml()).unwrap(), judged);
         }
+    }
+
+    #[test]
+    fn a_file_is_given_with_the_text_that_was_read() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("calibration.toml");
+        let text = format!("# of a rig\n{ONE}");
+        std::fs::write(&path, &text).unwrap();
+        let (read, own) = RigCalibration::load_with_text(&path).unwrap();
+        assert_eq!(read, RigCalibration::parse(&path, &text).unwrap());
+        assert_eq!(own, text);
     }
 
     #[test]
