@@ -107,8 +107,7 @@ impl Board {
     ) -> Result<Self, Error> {
         let plain = Self::checkerboard(columns, rows, square)?;
         let mut board = Self { two_sided, ..plain };
-        let needed = board.markers_per_face() * board.faces().len();
-        let dictionary = board.smallest_dictionary(needed);
+        let dictionary = board.usual_dictionary();
         board.kind = BoardKind::Charuco(Markers {
             side: MARKER_PART * square,
             dictionary,
@@ -116,7 +115,9 @@ impl Board {
         board.checked()
     }
 
-    fn smallest_dictionary(&self, markers: usize) -> &'static str {
+    /// The smallest dictionary that has markers for this board, or the largest if none has.
+    fn usual_dictionary(&self) -> &'static str {
+        let markers = self.markers_per_face() * self.faces().len();
         let enough = |name: &&str| {
             builtins::builtin_dictionary(name).is_some_and(|d| d.codes().len() >= markers)
         };

@@ -1,7 +1,7 @@
 //! Boards as text: the compact form of the command line, `charuco:11x8:25mm:two-sided`, and the key-value pairs of
 //! a recording's metadata.
 
-use super::{Board, BoardKind, Error, Markers, bad};
+use super::{Board, BoardKind, Error, MARKER_PART, Markers, bad};
 use calib_targets_aruco::resolve_dictionary;
 use std::collections::BTreeMap;
 use std::fmt;
@@ -42,19 +42,14 @@ impl Draft {
             }
             return board.checked();
         }
-        let BoardKind::Charuco(usual) =
-            Board::charuco(columns, rows, self.square, self.two_sided)?.kind
-        else {
-            return board.checked();
-        };
         let dictionary = match self.dictionary {
-            None => usual.dictionary,
+            None => board.usual_dictionary(),
             Some(name) => match resolve_dictionary(&name) {
                 Some(dictionary) => dictionary.name(),
                 None => return bad("board dictionary", shown(&name), "such as DICT_4X4_100"),
             },
         };
-        let side = self.marker.unwrap_or(usual.side);
+        let side = self.marker.unwrap_or(MARKER_PART * self.square);
         let kind = BoardKind::Charuco(Markers { side, dictionary });
         Board { kind, ..board }.checked()
     }
@@ -250,6 +245,22 @@ mod tests {
         assert_eq!(board.to_string(), "checkerboard:9x6:25mm");
         let board: Board = "charuco:9x6:0.025m:dictionary=4X4_250".parse().unwrap();
         assert!(board.to_string().ends_with("dictionary=DICT_4X4_250"));
+    }
+
+    #[test]
+    fn a_board_may_have_more_markers_than_the_usual_dictionaries() {
+        let text = "charuco:49x40:20mm:dictionary=DICT_APRILTAG_36h10";
+        let board: Board = text.parse().unwrap();
+        let BoardKind::Charuco(markers) = board.kind else {
+            panic!("{board:?}")
+        };
+        assert_eq!(markers.dictionary, "DICT_APRILTAG_36h10");
+        assert_eq!(markers.side, 0.75 * 0.02);
+        assert_eq!(board.to_string().parse::<Board>().unwrap(), board);
+        // Without its name, the largest of the usual ones is too small.
+        let message = "charuco:49x40:20mm".parse::<Board>().unwrap_err();
+        let named = "DICT_4X4_1000, 1000 markers for the 1025 that";
+        assert!(message.to_string().contains(named), "{message}");
     }
 
     #[test]
