@@ -298,6 +298,21 @@ fn what_would_be_ignored_is_refused() {
             "{more:?}: {errors}"
         );
     }
+    let export = ["--from", "rig.toml", "--kalibr", "a.yaml"];
+    let pictures = ["--pictures", "left=left"];
+    let ignored: [(&[&str], &[&str]); 4] = [
+        (&export, &["--config", "a.toml"]),
+        (&export, &["--set", "calibration.limits.good_px=0.2"]),
+        (&export, &["--nearest"]),
+        (&pictures, &["--nearest"]),
+    ];
+    for (asked, more) in ignored {
+        let (code, _, errors) = calibrate(&[asked, more].concat());
+        assert!(
+            code == Some(2) && errors.contains("cannot be used with"),
+            "{asked:?} {more:?}: {errors}"
+        );
+    }
     // Forced, a session would be replaced with its calibration.
     for from in ["--from", "--force"] {
         let (code, _, errors) = calibrate(&[from, "SESSION.mcap", "--out", "SESSION.mcap"]);

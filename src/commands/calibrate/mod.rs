@@ -41,12 +41,13 @@ pub struct Args {
     /// Calibrate from picture files (PNG, JPEG, TIFF, BMP, PNM) instead of recordings, such as --pictures
     /// left='left/*.png' right='right/*.png'. The n-th picture of each camera, in the order of their names, shows one
     /// placement
-    #[arg(long, value_name = "CAMERA=FILES", num_args = 1.., conflicts_with = "sessions")]
+    #[arg(long, value_name = "CAMERA=FILES", num_args = 1.., conflicts_with_all = ["sessions", "nearest"])]
     pictures: Vec<String>,
     /// Fit nothing, but export the calibration of this calibration file or recording with --ros, --kalibr or --out
     #[arg(long, value_name = "FILE", conflicts_with_all = [
         "sessions", "board", "fix_intrinsics", "start", "model", "table_placement", "depth_response", "depth_table",
-        "report", "check", "json", "from_placement", "until_placement", "measured", "distance", "pictures",
+        "report", "check", "json", "from_placement", "until_placement", "measured", "distance", "pictures", "nearest",
+        "config", "set",
     ])]
     from: Option<PathBuf>,
     /// The board, such as checkerboard:11x8:25mm or charuco:11x8:25mm:two-sided (in inner corners); by default the
