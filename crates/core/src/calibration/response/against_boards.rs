@@ -48,7 +48,7 @@ pub fn bias_on_boards(
         planes = consistent.planes;
     }
     for plane in &mut planes {
-        keep_within_range(plane, response);
+        plane.keep_within_range(response);
     }
     let [constant, by_metre, ..] = response.scale;
     let values = Values::new(response.slope, response.intercept, constant, by_metre);
@@ -59,14 +59,4 @@ pub fn bias_on_boards(
         left_out,
         change,
     }
-}
-
-/// Leaves out samples that lie where the response is not used.
-fn keep_within_range(plane: &mut Plane<'_>, response: &DepthResponse) {
-    let Some([near, far]) = response.range else {
-        return;
-    };
-    let samples = plane.samples.iter();
-    let within = samples.filter(|s| (near..=far).contains(&plane.depth(s, 1.0)));
-    plane.samples = within.copied().collect();
 }

@@ -2,7 +2,7 @@
 
 use super::misfit::{self, Cause, FEWEST_BOARDS, Misfit, Patch};
 use super::plane_view::{PlaneParameters, PlaneView};
-use super::samples::Plane;
+use super::samples::{FEWEST_IN_VIEW, Plane};
 use crate::calibration::{Board, DepthResponse, Intrinsics};
 
 /// How much a depth camera may read otherwise than its response says, beyond the response's uncertainty, and how boards
@@ -91,7 +91,7 @@ impl DepthCheck {
 /// Holds readings against a response.
 ///
 /// # Errors
-/// If no placement has readings enough: why, of each.
+/// If no placement has readings enough within the response's range: why, of each.
 pub fn check_depth(
     lens: &Intrinsics,
     board: &Board,
@@ -101,7 +101,8 @@ pub fn check_depth(
 ) -> Result<DepthCheck, String> {
     let (mut placements, mut patches, mut reasons) = (Vec::new(), Vec::new(), Vec::new());
     for view in views {
-        match Plane::gather(lens, board, view, tolerance.plane) {
+        let gathered = Plane::gather(lens, board, view, tolerance.plane);
+        match gathered.and_then(|plane| within_range(plane, response)) {
             Ok(plane) => {
                 placements.push(against(&plane, response, tolerance.off));
                 patches.push(plane.patches(lens, [response.slope, response.intercept]));
@@ -130,6 +131,17 @@ pub fn check_depth(
         placements,
         worst,
     })
+}
+
+/// The part of a board that lies where the response holds, or that too little of it does.
+fn within_range<'a>(mut plane: Plane<'a>, response: &DepthResponse) -> Result<Plane<'a>, String> {
+    plane.keep_within_range(response);
+    match response.range {
+        Some([near, far]) if plane.samples.len() < FEWEST_IN_VIEW => Err(format!(
+            "the board lies outside the distances that were calibrated, {near:.2} to {far:.2} m"
+        )),
+        _ => Ok(plane),
+    }
 }
 
 /// Why nothing can be said of what readings have that a response cannot have; `None` where there are boards enough.

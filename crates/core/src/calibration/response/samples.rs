@@ -3,11 +3,11 @@
 
 use super::misfit::{self, Patch};
 use super::plane_view::{PlaneParameters, PlaneView};
-use crate::calibration::{Board, Intrinsics};
+use crate::calibration::{Board, DepthResponse, Intrinsics};
 use nalgebra::{Point2, Point3, Vector3, Vector4};
 
 /// Pixels that make a view.
-const FEWEST_IN_VIEW: usize = 100;
+pub(super) const FEWEST_IN_VIEW: usize = 100;
 /// Part of a square at the pattern's rim that is not looked at: readings mix there, and an unknown scale displaces it.
 const RIM: f64 = 0.4;
 
@@ -103,6 +103,16 @@ impl<'a> Plane<'a> {
             samples,
             tilt_degrees,
         })
+    }
+
+    /// Leaves out samples that lie where the response is not used.
+    pub(super) fn keep_within_range(&mut self, response: &DepthResponse) {
+        let Some([near, far]) = response.range else {
+            return;
+        };
+        let samples = self.samples.iter();
+        let within = samples.filter(|s| (near..=far).contains(&self.depth(s, 1.0)));
+        self.samples = within.copied().collect();
     }
 
     /// True depth of a sample whose lateral scale is known.

@@ -475,6 +475,36 @@ fn readings_that_are_not_those_of_the_calibration_are_told() {
 }
 
 #[test]
+fn boards_outside_the_calibrated_distances_check_nothing() {
+    let poses = [0.6, 1.0].map(|z| Isometry3::translation(-0.1, -0.06, z));
+    let response = DepthResponse {
+        range: Some([0.8, 1.6]),
+        ..sensor()
+    };
+    // It reads 30 mm too deep where it was not calibrated.
+    let wrong = |truth: &Grid<u16>, k: usize| {
+        let off = if k == 0 { 0.03 / 0.00104 } else { 0.0 };
+        truth.map(|&r| f32::from(r) + off as f32)
+    };
+    let found = checked(&poses, &response, wrong);
+    assert!(
+        !found.is_off && found.placements.len() == 1,
+        "{:?}",
+        found.placements
+    );
+    let readings = wrong(&readings_of(&poses[0]), 0);
+    let near = PlaneView {
+        placement: "p0",
+        camera_from_face: poses[0],
+        readings: &readings,
+    };
+    let plane = PlaneParameters::default();
+    let reason = check_depth(&lens(), &board(), &[near], &response, tolerance(&plane));
+    let told = "p0: the board lies outside the distances that were calibrated, 0.80 to 1.60 m";
+    assert_eq!(reason.unwrap_err(), told);
+}
+
+#[test]
 fn boards_that_would_not_show_displaced_depth_do_not_check_it() {
     let shows = |poses: &[Isometry3<f64>]| {
         let sound = checked(poses, &sensor(), |truth, _| truth.map(|&r| f32::from(r)));
