@@ -47,7 +47,7 @@ fn burst() -> (DepthView, Mask) {
     }));
     let frame = |k| DepthFrame {
         readings: Grid::from_fn(WIDTH, HEIGHT, |x, y| reading(k, x, y)),
-        color: Arc::clone(&color),
+        color: Some(Arc::clone(&color)),
     };
     let view = DepthView {
         camera: DepthCamera {

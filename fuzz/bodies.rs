@@ -141,7 +141,7 @@ pub fn solid(bytes: &[u8]) {
         ignored: (first & 2 != 0).then(|| Grid::from_fn(SIZE, SIZE, |_, _| next())),
     });
     let colors = colors.collect();
-    let color = Arc::new(RgbImage::filled(SIZE, SIZE, [90, 120, 150]));
+    let color = Some(Arc::new(RgbImage::filled(SIZE, SIZE, [90, 120, 150])));
     let readings = Grid::from_fn(SIZE, SIZE, |_, _| 400 + u16::from(next()));
     let depth = DepthView {
         camera: DepthCamera {

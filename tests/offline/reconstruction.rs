@@ -4,7 +4,7 @@
 use nalgebra::Point3;
 use scand::calibration::{Camera, Intrinsics};
 use scand::description::Description;
-use scand::image::Grid;
+use scand::image::{Grid, RgbImage};
 use scand::mesh::{self, Bvh, Mesh};
 use scand::output::{glb, ply};
 use scand::reconstruct::hull::Fairing;
@@ -318,11 +318,12 @@ mod long {
         let (width, height) = (lens.width / 2, lens.height / 2);
         let (focal, center) = (lens.focal_px / 2.0, lens.center_px / 2.0);
         let smaller = Intrinsics::new(width, height, focal, center, lens.distortion).unwrap();
+        let half_color = |color: &Arc<RgbImage>| {
+            Arc::new(Grid::from_fn(width, height, |x, y| color[(2 * x, 2 * y)]))
+        };
         let frame = |frame: &DepthFrame| DepthFrame {
             readings: Grid::from_fn(width, height, |x, y| frame.readings[(2 * x, 2 * y)]),
-            color: Arc::new(Grid::from_fn(width, height, |x, y| {
-                frame.color[(2 * x, 2 * y)]
-            })),
+            color: frame.color.as_ref().map(half_color),
         };
         let mut halved = DepthView {
             camera: view.camera.clone(),

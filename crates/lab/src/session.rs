@@ -423,7 +423,7 @@ pub(super) fn trigger_time(index: usize) -> Timestamp {
 
 /// A depth camera's frames of a burst, each with the newest colour picture before it.
 fn depth_view(station: &DepthStation, burst: &[Frame]) -> DepthView {
-    let mut color = Arc::new(RgbImage::default());
+    let mut color: Option<Arc<RgbImage>> = None;
     let mut frames = Vec::new();
     for frame in burst
         .iter()
@@ -440,10 +440,10 @@ fn depth_view(station: &DepthStation, burst: &[Frame]) -> DepthView {
                 let readings = pairs.iter().map(|&b| u16::from_le_bytes(b)).collect();
                 frames.push(DepthFrame {
                     readings: Grid::from_pixels(*width as usize, *height as usize, readings),
-                    color: Arc::clone(&color),
+                    color: color.clone(),
                 });
             }
-            picture => color = Arc::new(rgb(picture)),
+            picture => color = Some(Arc::new(rgb(picture))),
         }
     }
     DepthView {

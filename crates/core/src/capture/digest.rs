@@ -67,6 +67,8 @@ pub fn joint_digest(digests: &[String]) -> String {
 enum Pixels<'a> {
     Bytes(&'a [u8]),
     Readings(&'a [u16]),
+    /// So many bytes of grey, for a colour picture that was not recorded.
+    Grey(usize),
 }
 
 /// All pictures of a scene, in a fixed order.
@@ -82,7 +84,10 @@ fn pictures(scene: &Scene) -> Vec<Pixels<'_>> {
     }
     for frame in scene.depths.iter().flat_map(|view| &view.frames) {
         pictures.push(Pixels::Readings(frame.readings.pixels()));
-        pictures.push(Pixels::Bytes(frame.color.pixels().as_flattened()));
+        pictures.push(match &frame.color {
+            Some(color) => Pixels::Bytes(color.pixels().as_flattened()),
+            None => Pixels::Grey(3 * frame.readings.pixels().len()),
+        });
     }
     pictures
 }
@@ -95,6 +100,7 @@ fn sum(pixels: &Pixels) -> (usize, u32) {
             let bytes: Vec<u8> = readings.iter().flat_map(|r| r.to_le_bytes()).collect();
             (bytes.len(), crc32fast::hash(&bytes))
         }
+        Pixels::Grey(length) => (*length, crc32fast::hash(&vec![128; *length])),
     }
 }
 

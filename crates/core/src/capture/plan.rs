@@ -267,16 +267,9 @@ impl DepthPlan {
     }
 
     pub(super) fn view(self, batch: &mut ImageBatch) -> DepthView {
-        let lens = &self.camera.camera.intrinsics;
-        // Where no colour was recorded, a flat picture guides nothing and hinders nothing.
-        let flat = Arc::new(if self.facts.color_frames == 0 {
-            Grid::filled(lens.width, lens.height, [128; 3])
-        } else {
-            Grid::default()
-        });
         let frame = |(readings, color): (usize, Option<usize>)| DepthFrame {
             readings: batch.take_readings(readings),
-            color: color.map_or_else(|| flat.clone(), |place| batch.color(place)),
+            color: color.map(|place| batch.color(place)),
         };
         DepthView {
             frames: self.frames.into_iter().map(frame).collect(),

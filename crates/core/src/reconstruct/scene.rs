@@ -51,6 +51,6 @@ pub struct DepthView {
 pub struct DepthFrame {
     /// Raw readings; 0 means no reading.
     pub readings: Grid<u16>,
-    /// The colour picture nearest in time; shared where colour is rarer than depth.
-    pub color: Arc<RgbImage>,
+    /// The colour picture nearest in time; shared where colour is rarer than depth. `None` where none was recorded.
+    pub color: Option<Arc<RgbImage>>,
 }

@@ -13,7 +13,6 @@ use crate::image::{Grid, Mask, RgbImage};
 use crate::reconstruct::silhouette::Facts;
 use crate::reconstruct::{ColorView, DepthFrame, DepthView, SilhouetteSource};
 use nalgebra::{Point2, Point3, UnitQuaternion, Vector2, Vector3};
-use std::sync::Arc;
 
 /// Centre in the object's frame, and radius.
 type Ball = (Point3<f64>, f64);
@@ -156,7 +155,7 @@ fn hollowed(
     scene.depths.push(DepthView {
         frames: vec![DepthFrame {
             readings: Grid::from_fn(SIZE.0, SIZE.1, reading),
-            color: Arc::new(RgbImage::default()),
+            color: None,
         }],
         camera: DepthCamera {
             camera,

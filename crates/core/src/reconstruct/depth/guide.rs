@@ -2,21 +2,30 @@
 
 use super::burst::Burst;
 use crate::image::{Grid, RgbImage};
-use crate::reconstruct::DepthView;
+use crate::reconstruct::{DepthFrame, DepthView};
 use rayon::prelude::*;
 use std::sync::Arc;
 
 /// Intensity in [0, 1] of a picture in the window: the mean of its three channels.
-pub(super) fn intensity(color: &RgbImage, burst: &Burst) -> Grid<f32> {
+fn intensity(color: &RgbImage, burst: &Burst) -> Grid<f32> {
     Grid::from_fn(burst.width, burst.height, |x, y| {
         let [r, g, b] = color[(x + burst.left, y + burst.top)];
         (f32::from(r) + f32::from(g) + f32::from(b)) / 765.0
     })
 }
 
-/// Mean intensity over a burst's pictures, each counted once however many frames share it.
+/// Intensity of a frame's picture. Without one it is the same everywhere: that guides nothing and hinders nothing.
+pub(super) fn of_frame(frame: &DepthFrame, burst: &Burst) -> Grid<f32> {
+    match &frame.color {
+        Some(color) => intensity(color, burst),
+        None => Grid::filled(burst.width, burst.height, 0.0),
+    }
+}
+
+/// Mean intensity over a burst's pictures, each counted once however many frames share it; 0 everywhere if it has none.
 pub(super) fn mean(view: &DepthView, burst: &Burst) -> Grid<f32> {
-    let mut different: Vec<&Arc<RgbImage>> = view.frames.iter().map(|f| &f.color).collect();
+    let colors = view.frames.iter().filter_map(|f| f.color.as_ref());
+    let mut different: Vec<&Arc<RgbImage>> = colors.collect();
     different.dedup_by(|a, b| Arc::ptr_eq(a, b));
     let pictures = different.par_iter().map(|color| intensity(color, burst));
     let pictures: Vec<Grid<f32>> = pictures.collect();

@@ -360,7 +360,7 @@ fn each_frame_bilateral(
                 let kept = fused.depth[(x, y)] > 0.0;
                 if kept { frame[(x, y)] } else { 0.0 }
             });
-            let guide = vec![guide::intensity(&view.frames[i].color, burst)];
+            let guide = vec![guide::of_frame(&view.frames[i], burst)];
             bilateral(burst, depth, guide, parameters)
         })
         .collect();
@@ -384,13 +384,12 @@ fn check_sizes(view: &DepthView, region: &Mask) -> Result<(), Error> {
     };
     check("the region".into(), region.width(), region.height())?;
     for (i, frame) in view.frames.iter().enumerate() {
-        let (depth, color) = (&frame.readings, &frame.color);
+        let depth = &frame.readings;
         check(format!("depth frame {i}"), depth.width(), depth.height())?;
-        check(
-            format!("colour of frame {i}"),
-            color.width(),
-            color.height(),
-        )?;
+        if let Some(color) = &frame.color {
+            let what = format!("colour of frame {i}");
+            check(what, color.width(), color.height())?;
+        }
     }
     Ok(())
 }

@@ -25,7 +25,7 @@ fn view(
     let camera = Camera::new(id, lens.unwrap(), Isometry3::identity());
     let frame = |k| DepthFrame {
         readings: Grid::from_fn(width, height, |x, y| reading(k, x, y)),
-        color: color.clone(),
+        color: Some(color.clone()),
     };
     DepthView {
         camera: DepthCamera {
@@ -173,6 +173,38 @@ fn readings_outside_the_region_do_not_count() {
                 );
             }
         }
+    }
+}
+
+#[test]
+fn without_a_picture_depth_is_what_a_flat_one_makes_of_it() {
+    let flat = view((50, 40), 4, &grey(50, 40), |k, x, y| {
+        let lost = (x * 31 + y * 17 + k * 7) % 11 == 0;
+        let near = if x > 30 { 780.0 } else { 820.0 };
+        if lost {
+            0
+        } else {
+            (near + 2.0 * noise(k, x, y)) as u16
+        }
+    });
+    let mut without = flat.clone();
+    for frame in &mut without.frames {
+        frame.color = None;
+    }
+    for method in [
+        Method::Plate,
+        Method::MeanThenBilateral,
+        Method::BilateralThenMean,
+    ] {
+        let parameters = Parameters {
+            method,
+            ..Parameters::default()
+        };
+        let depth = |view: &DepthView| {
+            let enhanced = enhance(view, &everywhere(50, 40), &parameters).unwrap();
+            enhanced.depth
+        };
+        assert!(depth(&without) == depth(&flat), "{method:?}");
     }
 }
 

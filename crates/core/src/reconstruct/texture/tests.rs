@@ -517,9 +517,8 @@ fn nothing_is_painted_from_outside_the_silhouettes() {
     assert_eq!(blue.count(), 0);
 }
 
-#[test]
-fn what_only_the_depth_camera_sees_takes_its_color() {
-    let model = sphere();
+/// A ball that a colour camera sees from the side, and a depth camera from above.
+fn with_a_depth_camera(model: &Model) -> Scene {
     let side = camera([0.5, 0.0, -0.1], 480, 1500.0);
     let above = camera([0.0, 0.0, 0.6], 240, 575.0);
     let response = DepthResponse {
@@ -538,7 +537,7 @@ fn what_only_the_depth_camera_sees_takes_its_color() {
     let picture = Arc::new(render(&scaled, &model.mesh, pattern));
     let frame = || DepthFrame {
         readings: Grid::filled(240, 240, 0),
-        color: picture.clone(),
+        color: Some(picture.clone()),
     };
     let mut scene = rendered(vec![side], &model.mesh, pattern);
     scene.depths = vec![DepthView {
@@ -548,11 +547,34 @@ fn what_only_the_depth_camera_sees_takes_its_color() {
         },
         frames: vec![frame(), frame()],
     }];
+    scene
+}
+
+#[test]
+fn what_only_the_depth_camera_sees_takes_its_color() {
+    let model = sphere();
+    let scene = with_a_depth_camera(&model);
     let texture = paint(&model, &scene, &[], &Parameters::default());
     let top = |t: &usize| model.mesh.corners(*t).iter().all(|p| p.z > 0.035);
     assert!((0..texture.seen.len()).filter(top).all(|t| texture.seen[t]));
     let error = error_in_triangles(&model, &texture, pattern);
     assert!(error < 4.0, "{error}");
+}
+
+#[test]
+fn a_depth_camera_without_colour_paints_nothing() {
+    let model = sphere();
+    let mut scene = with_a_depth_camera(&model);
+    for frame in &mut scene.depths[0].frames {
+        frame.color = None;
+    }
+    let blind = paint(&model, &scene, &[], &Parameters::default());
+    scene.depths.clear();
+    let without = paint(&model, &scene, &[], &Parameters::default());
+    assert_eq!(blind.seen, without.seen);
+    assert!(blind.seen.contains(&false));
+    assert!(blind.atlas == without.atlas);
+    assert_eq!(blind.vertex_colors, without.vertex_colors);
 }
 
 #[test]

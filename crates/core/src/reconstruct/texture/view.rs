@@ -101,9 +101,11 @@ fn project(depth: &DepthCamera, p_in_rig: Point3<f32>) -> [f32; 3] {
     }
 }
 
-/// The mean of a burst's different colour pictures, where the object is: a depth camera's are noisy.
+/// The mean of a burst's different colour pictures, where the object is: a depth camera's are noisy. `None` if it has
+/// none.
 fn mean_color<'a>(view: &'a DepthView, projected: &[[f32; 3]]) -> Option<Cow<'a, RgbImage>> {
-    let mut pictures: Vec<&Arc<RgbImage>> = view.frames.iter().map(|f| &f.color).collect();
+    let colors = view.frames.iter().filter_map(|f| f.color.as_ref());
+    let mut pictures: Vec<&Arc<RgbImage>> = colors.collect();
     pictures.dedup_by(|a, b| Arc::ptr_eq(a, b));
     let first: &RgbImage = pictures.first()?;
     pictures.retain(|p| p.same_size(first));

@@ -40,7 +40,7 @@ pub(super) fn draw(
 ) -> DepthPanels {
     let window = Window::around(object(result), size);
     let (near, far) = range(result);
-    let color = view.frames.first().map(|f| &*f.color);
+    let color = view.frames.first().and_then(|f| f.color.as_deref());
     let photograph = |x, y| color.and_then(|c| c.get(x, y).copied()).unwrap_or(EMPTY);
     let depth = |metres: f32| {
         if metres > 0.0 {
