@@ -9,7 +9,7 @@ import { difference, number, t } from "./words";
 interface Model {
   mesh?: { triangles?: number; volume?: number };
   bounds?: [number[], number[]];
-  provenance?: { share: number; mean_expected_error: number }[];
+  mean_expected_error?: number;
 }
 
 type Row = [string, string, string, string];
@@ -275,16 +275,9 @@ function rows(own: Model, other: Model): Row[] {
   }
   const volume = ({ mesh }: Model) => (mesh?.volume === undefined ? undefined : mesh.volume * 1e6);
   add(t("figure_volume"), volume(own), volume(other), 1, "cm³");
+  const error = ({ mean_expected_error: metres }: Model) => (metres === undefined ? undefined : metres * 1000);
   add(t("figure_mean_error"), error(own), error(other), 2, "mm");
   return found;
-}
-
-/** The mean expected error of the whole surface, in mm. */
-function error({ provenance }: Model): number | undefined {
-  const parts = provenance?.filter(({ share }) => share > 0) ?? [];
-  const share = parts.reduce((sum, part) => sum + part.share, 0);
-  if (share === 0) return undefined;
-  return (1000 * parts.reduce((sum, part) => sum + part.share * part.mean_expected_error, 0)) / share;
 }
 
 customElements.define("scand-compare", ComparePart);

@@ -308,6 +308,11 @@ test("a model is compared with one of the same object in an earlier session", as
   await list.selectOption(earlier.join("/"));
   await expect(page.locator("[data-compared]")).toContainText("cm³");
   await expect(page.locator("[data-compared] tbody th")).toContainText(["Verdict", "Width", "Depth", "Height"]);
+  // The mean is the report's, whose verdict stands beside it.
+  const report = (made) => JSON.parse(readFileSync(rig.path(`models/${made.join("/")}/report.json`), "utf8"));
+  const means = [later, earlier].map((made) => `${(1000 * report(made).model.mean_expected_error).toFixed(2)} mm`);
+  const row = page.locator("[data-compared] tbody tr").filter({ hasText: "Mean expected error" });
+  await expect(row.locator("td")).toContainText(means);
   const pills = page.locator("[data-compared] .verdict");
   await expect(pills).toHaveCount(2);
   for (const pill of await pills.all()) expect((await pill.boundingBox()).height).toBeLessThan(40);
