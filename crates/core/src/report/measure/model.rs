@@ -28,7 +28,7 @@ pub struct ModelMeasures {
     pub mean_expected_error: f64,
     /// How much of its surface nothing observed.
     pub unobserved: UnobservedMeasures,
-    /// Share of its triangles that a camera saw; `None` without texture.
+    /// Share of its area that a camera saw; `None` without texture.
     pub textured: Option<f64>,
     /// Its picture; `None` without texture.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -98,10 +98,10 @@ impl ModelMeasures {
             provenance: Provenance::ALL.map(|p| of_provenance(made, p)).to_vec(),
             mean_expected_error: mean_expected_error(model),
             unobserved: UnobservedMeasures::of(scene, made),
-            textured: model.texture.as_ref().map(|texture| {
-                let seen = texture.seen.iter().filter(|&&s| s).count();
-                seen as f64 / texture.seen.len().max(1) as f64
-            }),
+            textured: model
+                .texture
+                .as_ref()
+                .map(|texture| share_of_area(&model.mesh, &texture.seen)),
             atlas: model.texture.as_ref().map(|texture| AtlasMeasures {
                 size: [texture.atlas.width(), texture.atlas.height()],
                 used: texture.used(),
@@ -136,13 +136,31 @@ fn handles(mesh: &Mesh) -> u64 {
     parts.iter().map(|p| p.genus().max(0) as u64).sum()
 }
 
+/// A third of a triangle's area in square metres: what each of its corners stands for.
+fn third_of_area(mesh: &Mesh, triangle: usize) -> f64 {
+    let [a, b, c] = mesh.corners(triangle).map(|p| p.cast::<f64>());
+    (b - a).cross(&(c - a)).norm() / 6.0
+}
+
+/// The share of a surface's area that the triangles have which `are_wanted`; 0 without area.
+fn share_of_area(mesh: &Mesh, are_wanted: &[bool]) -> f64 {
+    let (mut all, mut wanted) = (0.0, 0.0);
+    for (triangle, &is_wanted) in are_wanted.iter().enumerate() {
+        let third = third_of_area(mesh, triangle);
+        all += third;
+        if is_wanted {
+            wanted += third;
+        }
+    }
+    if all > 0.0 { wanted / all } else { 0.0 }
+}
+
 /// The mean of a model's expected errors over its surface, without the face on the table: each corner of a triangle
 /// stands for a third of it, so that it does not matter how many vertices a part has. 0 without a surface.
 fn mean_expected_error(model: &Model) -> f64 {
     let (mut area, mut sum) = (0.0, 0.0);
     for (triangle, corners) in model.mesh.triangles.iter().enumerate() {
-        let [a, b, c] = model.mesh.corners(triangle).map(|p| p.cast::<f64>());
-        let third = (b - a).cross(&(c - a)).norm() / 6.0;
+        let third = third_of_area(&model.mesh, triangle);
         let vertices = corners.iter().map(|&vertex| vertex as usize);
         for vertex in vertices.filter(|&v| model.provenance[v] != Provenance::Table) {
             area += third;
@@ -171,11 +189,10 @@ mod tests {
     use super::*;
     use nalgebra::Point3;
 
-    #[test]
-    fn the_mean_expected_error_is_that_of_the_surface_and_not_of_its_vertices() {
-        // A triangle of half a square metre, one of an eighth, and one on the table.
+    /// Right-angled triangles that share no vertex: the length of two sides, where each is from, and its error.
+    fn triangles(each: &[(f32, Provenance, f32)]) -> Model {
         let mut model = Model::default();
-        let mut add = |side: f32, provenance, error| {
+        for &(side, provenance, error) in each {
             let first = model.mesh.vertices.len() as u32;
             let corners = [[0.0, 0.0], [side, 0.0], [0.0, side]];
             let corners = corners.map(|[x, y]| Point3::new(x, y, 0.0));
@@ -183,10 +200,27 @@ mod tests {
             model.mesh.triangles.push([first, first + 1, first + 2]);
             model.provenance.extend([provenance; 3]);
             model.expected_error.extend([error; 3]);
-        };
-        add(1.0, Provenance::Hull, 1e-3);
-        add(0.5, Provenance::Restored, 6e-3);
-        add(2.0, Provenance::Table, 50e-3);
+        }
+        model
+    }
+
+    #[test]
+    fn what_cameras_saw_is_a_share_of_the_area_and_not_of_the_triangles() {
+        let corner = |side| (side, Provenance::Hull, 0.0);
+        let mesh = triangles(&[corner(1.0), corner(0.5)]).mesh;
+        assert!((share_of_area(&mesh, &[true, false]) - 0.8).abs() < 1e-9);
+        assert_eq!(share_of_area(&mesh, &[true, true]), 1.0);
+        assert_eq!(share_of_area(&triangles(&[corner(0.0)]).mesh, &[true]), 0.0);
+    }
+
+    #[test]
+    fn the_mean_expected_error_is_that_of_the_surface_and_not_of_its_vertices() {
+        // A triangle of half a square metre, one of an eighth, and one on the table.
+        let model = triangles(&[
+            (1.0, Provenance::Hull, 1e-3),
+            (0.5, Provenance::Restored, 6e-3),
+            (2.0, Provenance::Table, 50e-3),
+        ]);
         assert!((mean_expected_error(&model) - 2e-3).abs() < 1e-9);
         assert_eq!(mean_expected_error(&Model::default()), 0.0);
     }

@@ -125,7 +125,7 @@ pub struct Parameters {
     /// Handles of the model that the plain hull has not: true openings that only the depth camera sees, or
     /// perforations. Default 0.
     pub handles_of_depth: Limits,
-    /// Share of the model's triangles that no camera saw, whose colour is a guess. Default 0.45.
+    /// Share of the model's area that no camera saw, whose colour is a guess. Default 0.45.
     pub unpainted: Limits,
 }
 
