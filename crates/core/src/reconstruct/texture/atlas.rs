@@ -101,7 +101,7 @@ impl Paint<'_> {
     ) {
         let scale = layout.scale;
         match sources {
-            // Nearly all triangles: one view, whose pixels are the texels.
+            // Nearly all triangles: one view, whose pixels are the texels, and whose weights are 1.
             [only] if only.pixels.is_none() && scale == 1.0 => {
                 let image = &*self.surface.views[only.view].image;
                 let gain = self.gains[only.view];
@@ -120,22 +120,43 @@ impl Paint<'_> {
         }
     }
 
-    /// The views that a triangle is mixed from; its own chart's view is always among them.
+    /// The views that a triangle is mixed from; at each corner their weights add up to 1.
     fn gather(&self, vertices: [u32; 3], own: usize, sources: &mut Vec<Source>) {
         sources.clear();
         for (corner, v) in vertices.into_iter().enumerate() {
+            let mut is_short = false;
             for share in self.blend.of(v as usize) {
                 let view = usize::from(share.label);
-                let known = sources.iter().position(|s| s.view == view);
-                let index = known.or_else(|| {
-                    sources.push(self.source(vertices, view, own)?);
-                    Some(sources.len() - 1)
-                });
-                if let Some(index) = index {
-                    sources[index].add(corner, share);
+                match self.find_or_add(vertices, view, own, sources) {
+                    Some(index) => sources[index].add(corner, share),
+                    None => is_short = true,
                 }
             }
+            let total: f32 = sources.iter().map(|s| s.weights[corner]).sum();
+            if total <= 0.0 {
+                // None of the views there sees the whole triangle: its own chart's view paints it.
+                if let Some(index) = self.find_or_add(vertices, own, own, sources) {
+                    sources[index].weights[corner] = 1.0;
+                }
+            } else if is_short {
+                sources.iter_mut().for_each(|s| s.divide(corner, total));
+            }
         }
+    }
+
+    /// The place of a view among the sources of a triangle; `None` where it does not see the whole triangle.
+    fn find_or_add(
+        &self,
+        vertices: [u32; 3],
+        view: usize,
+        own: usize,
+        sources: &mut Vec<Source>,
+    ) -> Option<usize> {
+        let known = sources.iter().position(|s| s.view == view);
+        known.or_else(|| {
+            sources.push(self.source(vertices, view, own)?);
+            Some(sources.len() - 1)
+        })
     }
 
     /// A view with no weight yet; `None` where it does not see the whole triangle.
@@ -196,6 +217,12 @@ impl Source {
     fn add(&mut self, corner: usize, share: &Share) {
         self.weights[corner] = share.weight;
         self.offsets[corner] = share.known_offset() * share.weight;
+    }
+
+    /// Divides what it adds at a corner by the sum of all weights there.
+    fn divide(&mut self, corner: usize, total: f32) {
+        self.weights[corner] /= total;
+        self.offsets[corner] /= total;
     }
 }
 

@@ -379,6 +379,91 @@ fn seams_do_not_show() {
     );
 }
 
+/// A plate before two cameras that see it alike but in two greys; the second one sees nothing of the half below x = 0,
+/// as if something hid it. Each paints a half.
+struct HalfHidden {
+    model: Model,
+    scene: Scene,
+}
+
+impl HalfHidden {
+    fn new() -> Self {
+        let from_above = camera([0.0, 0.0, 0.5], 480, 1500.0);
+        let seen = |grey: u8| (from_above.clone(), RgbImage::filled(480, 480, [grey; 3]));
+        Self {
+            model: plate(),
+            scene: scene(vec![seen(80), seen(200)]),
+        }
+    }
+
+    fn surface(&self) -> Surface<'_> {
+        let order = ViewPriority::default();
+        let parameters = Parameters::default();
+        let mut surface = Surface::new(&self.model.mesh, &self.scene, &[], &order, &parameters);
+        for (sight, p) in surface.sights[1].iter_mut().zip(&self.model.mesh.vertices) {
+            if p.x < -1e-4 {
+                *sight = Visibility::Hidden;
+            }
+        }
+        surface
+    }
+
+    fn labels(&self) -> Vec<u16> {
+        let label = |t: usize| {
+            let corners = self.model.mesh.corners(t);
+            if corners.iter().any(|p| p.z < 0.0019) {
+                return labels::UNSEEN;
+            }
+            u16::from(corners.iter().map(|p| p.x).sum::<f32>() > 0.0)
+        };
+        (0..self.model.mesh.triangles.len()).map(label).collect()
+    }
+}
+
+#[test]
+fn beside_what_hides_it_from_a_camera_a_surface_is_levelled_in_full() {
+    let half_hidden = HalfHidden::new();
+    let (model, parameters) = (&half_hidden.model, Parameters::default());
+    let (surface, labels) = (half_hidden.surface(), half_hidden.labels());
+    let gains: [exposure::Gain; 2] = [Vector3::repeat(1.0); 2];
+    let samples = exposure::samples(&surface, &gains);
+    let blend = blend::Blend::new(&surface, &labels, &samples, &parameters);
+    let layout = charts::Layout::new(&surface, &labels, Vec::new(), &parameters);
+    let vertex_colors = vec![Vector3::zeros(); model.mesh.vertices.len()];
+    let painted = atlas::Paint {
+        surface: &surface,
+        gains: &gains,
+        blend: &blend,
+        vertex_colors: &vertex_colors,
+    };
+    let texture = Texture {
+        atlas: painted.compose(&layout),
+        corner_uv: layout.corner_uv(&surface),
+        vertex_colors: Vec::new(),
+        seen: Vec::new(),
+    };
+    let first = |v: u32| *blend.of(v as usize).find(|s| s.label == 0).unwrap();
+    let mut checked = 0;
+    for (t, corners) in model.mesh.triangles.iter().enumerate() {
+        for (corner, &v) in corners.iter().enumerate().filter(|_| labels[t] == 0) {
+            let p = model.mesh.vertices[v as usize];
+            if p.x < -1e-4 || p.y.abs() > 0.02 {
+                continue;
+            }
+            // Here begins the other camera's part, which does not see this triangle.
+            assert!(first(v).weight < 0.8 && first(v).offset.x > 15.0);
+            let mut shares = [0.1; 3];
+            shares[corner] = 0.8;
+            let offsets = corners.map(|v| f64::from(first(v).known_offset().x));
+            let offset: f64 = (0..3).map(|i| offsets[i] * f64::from(shares[i])).sum();
+            let found = look_up(&texture, t, shares).x;
+            assert!((found - (80.0 + offset)).abs() < 2.5, "{found} {offset}");
+            checked += 1;
+        }
+    }
+    assert!(checked > 20, "{checked}");
+}
+
 /// A wall of colour A at x = 0 and in front of its middle a plate of colour B, both closed boxes.
 fn wall_and_plate() -> (Model, impl Fn(Point3<f64>) -> [f64; 3]) {
     let mut mesh = grid_box([-0.01, -0.1, -0.1], [0.0, 0.1, 0.1]);
