@@ -2,7 +2,8 @@
 //! part comes from the mean of all cameras, so that it has no borders; the sharp part comes from the best camera,
 //! mixed with its neighbour in a narrow band.
 
-use super::labels::UNSEEN;
+use super::labels::{DEPTH_COLOR, UNSEEN};
+use super::view::View;
 use super::visibility::{Visibility, facing};
 use super::{Parameters, Surface};
 use nalgebra::Vector3;
@@ -10,6 +11,10 @@ use rayon::prelude::*;
 
 /// Views that are mixed at one vertex, at most.
 const MOST: usize = 4;
+
+/// Weight of a view in the mean of all, relative to one of the next lower rank. It is not nothing, so that the mean has
+/// no step where the views of the lower rank fade.
+const HIGHER_RANK: f32 = 0.01;
 
 /// What one view gives to a vertex' colour.
 #[derive(Clone, Copy, Debug)]
@@ -160,27 +165,34 @@ fn own_shares(surface: &Surface, labels: &[u16], vertex: usize) -> [Share; MOST]
 }
 
 /// The mean of all evened out colours of a vertex by views that see it well, weighted towards those that see
-/// it head-on and near, fading to nothing where a view begins to be marginal.
+/// it head-on and near, fading to nothing where a view begins to be marginal. What may not paint there hardly counts.
 fn mean_color(
     surface: &Surface,
     samples: &[Vec<Vector3<f32>>],
     vertex: usize,
 ) -> Option<Vector3<f32>> {
+    let is_safe = |view: &usize| surface.sights[*view][vertex] == Visibility::Safe;
+    let safe = || (0..surface.views.len()).filter(is_safe);
+    let first = safe().map(|view| surface.views[view].rank).min()?;
     let (mut sum, mut weights) = (Vector3::zeros(), 0.0);
-    for (view, sights) in surface.sights.iter().enumerate() {
-        if sights[vertex] != Visibility::Safe {
-            continue;
-        }
+    for view in safe() {
         let sample = samples[view][vertex];
         let view = &surface.views[view];
         let p = surface.mesh.vertices[vertex];
         let cosine = facing(view.center, p, surface.normals[vertex]);
         let resolution = view.focal_px / view.projected[vertex][2];
         let weight = ((cosine - super::visibility::MARGINAL_BELOW).max(1e-3) * resolution).powi(2);
+        let weight = weight * precedence(view, first);
         sum += sample * weight;
         weights += weight;
     }
     (weights > 0.0).then(|| sum / weights)
+}
+
+/// How much a view counts by its kind and its rank, where `first` is the least rank of those that see the same.
+fn precedence(view: &View, first: u8) -> f32 {
+    let kind = if view.is_depth { DEPTH_COLOR } else { 1.0 };
+    kind * HIGHER_RANK.powi(i32::from(view.rank - first))
 }
 
 /// Sums up the weight of each label. Labels beyond twice [`MOST`] are ignored, whatever their weight.

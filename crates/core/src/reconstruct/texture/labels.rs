@@ -14,7 +14,7 @@ pub(super) const UNSEEN: u16 = u16::MAX;
 /// Weight of a view that is marginal at a corner, relative to a safe one.
 const MARGINAL: f32 = 0.02;
 /// Weight of a depth camera's colour relative to a colour camera's.
-const DEPTH_COLOR: f32 = 0.1;
+pub(super) const DEPTH_COLOR: f32 = 0.1;
 /// Cost of a border between views of two captures, in that between two of one: light is fixed to the rig, so that the
 /// shading changes there, and poses err.
 const BETWEEN_CAPTURES: f32 = 2.0;

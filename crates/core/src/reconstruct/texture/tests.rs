@@ -464,6 +464,35 @@ fn beside_what_hides_it_from_a_camera_a_surface_is_levelled_in_full() {
     assert!(checked > 20, "{checked}");
 }
 
+#[test]
+fn what_may_not_paint_hardly_sets_the_level() {
+    let half_hidden = HalfHidden::new();
+    let (mesh, parameters) = (&half_hidden.model.mesh, Parameters::default());
+    let labels = half_hidden.labels();
+    let first_only = labels.iter().map(|&label| match label {
+        labels::UNSEEN => label,
+        _ => 0,
+    });
+    let first_only: Vec<u16> = first_only.collect();
+    let is_middle = |p: &Point3<f32>| p.x.hypot(p.y) < 1e-3 && p.z > 0.0019;
+    let middle = mesh.vertices.iter().position(is_middle).unwrap();
+    let offset = |ranks: &[u8], is_depth: bool| {
+        let order = ViewPriority {
+            ranks,
+            captures: &[],
+        };
+        let mut surface = Surface::new(mesh, &half_hidden.scene, &[], &order, &parameters);
+        surface.views[1].is_depth = is_depth;
+        let samples = exposure::samples(&surface, &[Vector3::repeat(1.0); 2]);
+        let blend = blend::Blend::new(&surface, &first_only, &samples, &parameters);
+        blend.of(middle).next().unwrap().offset.x
+    };
+    // The first camera sees 80 and the second one 200; their mean is 140.
+    assert!((offset(&[], false) - 60.0).abs() < 1.0);
+    assert!(offset(&[0, 1], false) < 2.0);
+    assert!(offset(&[], true) < 12.0);
+}
+
 /// A wall of colour A at x = 0 and in front of its middle a plate of colour B, both closed boxes.
 fn wall_and_plate() -> (Model, impl Fn(Point3<f64>) -> [f64; 3]) {
     let mut mesh = grid_box([-0.01, -0.1, -0.1], [0.0, 0.1, 0.1]);
