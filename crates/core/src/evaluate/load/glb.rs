@@ -5,10 +5,11 @@ use super::{LoadedModel, provenance};
 use crate::gltf_file::{GltfFile, QUANTIZATION};
 use crate::reconstruct::Provenance;
 use gltf::Semantic;
+use gltf::json::accessor::Accessor;
 use gltf::json::validation::Checked;
 use gltf::json::{Index, Node, mesh};
 use gltf::scene::Transform;
-use nalgebra::{Matrix4, Point3};
+use nalgebra::{Matrix3, Matrix4, Point3, Vector3};
 
 /// Deeper trees of nodes are taken for a loop.
 const MAX_DEPTH: usize = 64;
@@ -17,7 +18,7 @@ const MAX_VISITS: usize = 10_000;
 /// Vertices and triangles of all visited nodes together.
 const MAX_ELEMENTS: usize = 20_000_000;
 
-/// Reads the default scene. `_PROVENANCE` and `_ERROR` are kept where every primitive has them.
+/// Reads the default scene. `NORMAL`, `_PROVENANCE` and `_ERROR` are kept where every primitive has them.
 pub(super) fn parse(bytes: &[u8]) -> Result<LoadedModel, String> {
     let file = GltfFile::parse_with(bytes, &[QUANTIZATION])?;
     let root = file.root();
@@ -25,6 +26,7 @@ pub(super) fn parse(bytes: &[u8]) -> Result<LoadedModel, String> {
     let mut reader = Reader {
         file: &file,
         model: LoadedModel::default(),
+        normals: Vec::new(),
         provenance: Vec::new(),
         errors: Vec::new(),
         visits: 0,
@@ -35,6 +37,7 @@ pub(super) fn parse(bytes: &[u8]) -> Result<LoadedModel, String> {
     let count = reader.model.mesh.vertices.len();
     let whole = |n: usize| n == count && n > 0;
     let mut model = reader.model;
+    model.normals = whole(reader.normals.len()).then_some(reader.normals);
     model.provenance = whole(reader.provenance.len()).then_some(reader.provenance);
     model.expected_error = whole(reader.errors.len()).then_some(reader.errors);
     Ok(model)
@@ -43,6 +46,7 @@ pub(super) fn parse(bytes: &[u8]) -> Result<LoadedModel, String> {
 struct Reader<'a> {
     file: &'a GltfFile<'a>,
     model: LoadedModel,
+    normals: Vec<Vector3<f32>>,
     provenance: Vec<Provenance>,
     errors: Vec<f32>,
     visits: usize,
@@ -99,6 +103,9 @@ impl Reader<'_> {
             return Err(format!("it has more than {MAX_ELEMENTS} vertices"));
         }
         self.add_triangles(primitive, base, count, world_from_node.determinant() < 0.0)?;
+        if let Some(normals) = attribute(Semantic::Normals) {
+            self.add_normals(normals, count, world_from_node);
+        }
         let values = |name: &str| {
             let Some(accessor) = attribute(Semantic::Extras(name.to_owned())) else {
                 return Ok(Vec::new());
@@ -119,6 +126,28 @@ impl Reader<'_> {
         let errors = errors.iter().map(|&v| v as f32);
         self.errors.extend(errors);
         Ok(())
+    }
+
+    /// Normals of `count` vertices. They are passed over where they cannot be read, as those of compressed copies.
+    fn add_normals(
+        &mut self,
+        accessor: Index<Accessor>,
+        count: usize,
+        world_from_node: &Matrix4<f32>,
+    ) {
+        // Before they are read: many nodes may share a small mesh with a large accessor.
+        let stated = self.file.root().get(accessor).map(|a| a.count.0);
+        let linear: Matrix3<f32> = world_from_node.fixed_view::<3, 3>(0, 0).into_owned();
+        let (Some(inverse), true) = (linear.try_inverse(), stated == Some(count as u64)) else {
+            return;
+        };
+        let turn = inverse.transpose();
+        let turned = self.file.points(accessor).into_iter().flatten().map(|n| {
+            let n = turn * Vector3::from(n);
+            // y up to z up.
+            Vector3::new(n.x, -n.z, n.y)
+        });
+        self.normals.extend(turned);
     }
 
     /// Triangles of `count` vertices from `base` on; a mirroring transform turns them inside out, and back.
@@ -169,7 +198,6 @@ fn parent_from_node(node: &Node) -> Matrix4<f32> {
 mod tests {
     use super::*;
     use crate::mesh::{check, shapes};
-    use nalgebra::Vector3;
     use proptest::prelude::*;
     use serde_json::{Value, json};
 
@@ -227,6 +255,21 @@ mod tests {
         assert_eq!(model.mesh, shapes::tetrahedron(1.0));
         assert_eq!(model.provenance.unwrap(), Provenance::ALL[..4]);
         assert_eq!(model.expected_error.unwrap()[2], 0.002);
+    }
+
+    #[test]
+    fn normals_are_turned_as_their_vertices_are_or_passed_over() {
+        let (mut json, binary) = sample();
+        json["meshes"][0]["primitives"][0]["attributes"]["NORMAL"] = json!(0);
+        json["nodes"][0]["rotation"] = json!([0.0, 0.70710677, 0.0, 0.70710677]);
+        let model = parse(&glb(&json, &binary)).unwrap();
+        let normals = model.normals.unwrap();
+        assert_eq!(normals.len(), 4);
+        for (p, normal) in model.mesh.vertices.iter().zip(normals) {
+            assert!((p.coords - normal).norm() < 1e-5, "{p} {normal}");
+        }
+        json["meshes"][0]["primitives"][0]["attributes"]["NORMAL"] = json!(2);
+        assert_eq!(parse(&glb(&json, &binary)).unwrap().normals, None);
     }
 
     #[test]

@@ -11,6 +11,7 @@ use crate::mesh::{Mesh, is_closed};
 use crate::reconstruct::Provenance;
 use nalgebra::{Point3, Vector3};
 use std::collections::{BTreeMap, HashMap};
+use std::hash::Hash;
 use std::path::Path;
 
 /// Larger files are refused.
@@ -168,20 +169,40 @@ fn examine_mesh(mesh: &Mesh) -> Result<(), String> {
     Ok(())
 }
 
-/// Joins vertices of equal position (seams of texture and normals), but only where the mesh is open without
-/// that: a closed one may hold two vertices in one place on purpose.
+/// Joins the vertices that seams of texture and normals split, but only where the mesh is open without that: a closed
+/// one may hold two vertices in one place on purpose. Where a surface touches itself, two in one place differ in what
+/// is known of them; so vertices of equal position are joined only where the mesh is open otherwise.
 fn weld_if_open(model: LoadedModel) -> LoadedModel {
     if is_closed(&model.mesh) {
         return model;
     }
+    let place = |v: usize| bits(model.mesh.vertices[v].into());
+    let known = |v: usize| {
+        let normals = model.normals.as_ref();
+        let normal = normals.map(|each| bits(each[v].into()));
+        let provenance = model.provenance.as_ref().map(|each| each[v]);
+        let error = model.expected_error.as_ref().map(|each| each[v].to_bits());
+        (normal, provenance, error)
+    };
+    let welded = weld(&model, |v| (place(v), known(v)));
+    if is_closed(&welded.mesh) {
+        return welded;
+    }
+    weld(&model, place)
+}
+
+/// The bits of three numbers. Adding zero turns −0 into 0.
+fn bits(numbers: [f32; 3]) -> [u32; 3] {
+    numbers.map(|c| (c + 0.0).to_bits())
+}
+
+/// Joins the vertices that have the same `key`, and drops the triangles that vanish.
+fn weld<K: Eq + Hash>(model: &LoadedModel, key: impl Fn(usize) -> K) -> LoadedModel {
     let mut seen = HashMap::new();
     let mut kept = Vec::new();
-    let vertices = model.mesh.vertices.iter().enumerate();
-    let renumbered: Vec<u32> = vertices
-        .map(|(v, p)| {
-            // Adding zero turns −0 into 0.
-            let key = [p.x, p.y, p.z].map(|c| (c + 0.0).to_bits());
-            *seen.entry(key).or_insert_with(|| {
+    let renumbered: Vec<u32> = (0..model.mesh.vertices.len())
+        .map(|v| {
+            *seen.entry(key(v)).or_insert_with(|| {
                 kept.push(v);
                 kept.len() as u32 - 1
             })
@@ -197,10 +218,10 @@ fn weld_if_open(model: LoadedModel) -> LoadedModel {
             vertices: pick(&kept, &model.mesh.vertices),
             triangles,
         },
-        normals: model.normals.map(|v| pick(&kept, &v)),
-        colors: model.colors.map(|v| pick(&kept, &v)),
-        provenance: model.provenance.map(|v| pick(&kept, &v)),
-        expected_error: model.expected_error.map(|v| pick(&kept, &v)),
+        normals: model.normals.as_ref().map(|v| pick(&kept, v)),
+        colors: model.colors.as_ref().map(|v| pick(&kept, v)),
+        provenance: model.provenance.as_ref().map(|v| pick(&kept, v)),
+        expected_error: model.expected_error.as_ref().map(|v| pick(&kept, v)),
     }
 }
 
@@ -230,7 +251,47 @@ fn fan(polygon: &[u32]) -> impl Iterator<Item = [u32; 3]> + '_ {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::mesh::{check, shapes};
+    use crate::mesh::{check, shapes, vertex_normals};
+
+    /// A model whose triangles have no vertex in common, with the normals that its vertices had.
+    fn torn(mesh: &Mesh) -> LoadedModel {
+        let normals = vertex_normals(mesh);
+        let corners = || mesh.triangles.iter().flatten().map(|&v| v as usize);
+        LoadedModel {
+            mesh: Mesh {
+                vertices: corners().map(|v| mesh.vertices[v]).collect(),
+                triangles: (0..mesh.triangles.len() as u32)
+                    .map(|t| [3 * t, 3 * t + 1, 3 * t + 2])
+                    .collect(),
+            },
+            normals: Some(corners().map(|v| normals[v]).collect()),
+            ..LoadedModel::default()
+        }
+    }
+
+    #[test]
+    fn what_touches_itself_in_a_point_stays_a_solid() {
+        let mut mesh = shapes::tetrahedron(1.0);
+        let mut other = shapes::tetrahedron(1.0);
+        let shift = mesh.vertices[0] - other.vertices[1];
+        other.vertices.iter_mut().for_each(|p| *p += shift);
+        shapes::append(&mut mesh, &other);
+        let welded = weld_if_open(torn(&mesh)).mesh;
+        assert_eq!(welded.vertices.len(), 8);
+        assert!(check(&welded).is_watertight());
+    }
+
+    #[test]
+    fn edges_that_normals_split_are_welded() {
+        let mut torn = torn(&shapes::cube(1.0));
+        for (v, normal) in torn.normals.iter_mut().flatten().enumerate() {
+            // One for each triangle.
+            *normal = Vector3::new(v as f32 / 3.0, 0.0, 1.0).map(f32::floor);
+        }
+        let welded = weld_if_open(torn).mesh;
+        assert_eq!(welded.vertices.len(), 8);
+        assert!(check(&welded).is_watertight());
+    }
 
     #[test]
     fn seams_are_welded_and_what_is_known_of_vertices_kept() {
