@@ -117,7 +117,7 @@ pub fn evaluate(
         model,
         surface: &model_surface,
         truth: &truth_surface,
-        hull: convex_hull(&truth.vertices),
+        hull: convex_hull(&truth.used_vertices()),
         rims: &rims,
         appearance: Appearance::new(&truth_surface, &model_surface, parameters),
         parameters,

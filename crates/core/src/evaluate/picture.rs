@@ -96,7 +96,7 @@ fn limit_mm(rows: &[Row]) -> f64 {
 fn enclosing_sphere(rows: &[Row]) -> (Point3<f32>, f32) {
     let corners: Vec<Point3<f32>> = rows
         .iter()
-        .filter_map(|r| bounding_box(&r.mesh.vertices))
+        .filter_map(|r| bounding_box(&r.mesh.used_vertices()))
         .flatten()
         .collect();
     match bounding_box(&corners) {
@@ -186,6 +186,21 @@ mod tests {
             let [r, _, b] = picture[(x, 3 * MARGIN + VIEW + VIEW / 2)];
             assert!(b > r + 60, "{r} {b}");
         }
+    }
+
+    #[test]
+    fn a_vertex_of_no_triangle_makes_no_picture_smaller() {
+        let ball = shapes::sphere(0.03, 2);
+        let mut stray = ball.clone();
+        stray.vertices.push(Point3::new(0.0, 0.0, 5.0));
+        let sphere = |mesh: &Mesh| {
+            enclosing_sphere(&[Row {
+                title: "",
+                mesh,
+                signed_mm: &[],
+            }])
+        };
+        assert_eq!(sphere(&stray), sphere(&ball));
     }
 
     #[test]

@@ -135,6 +135,18 @@ fn box_with_pit(depth: f32) -> Mesh {
 }
 
 #[test]
+fn a_vertex_of_no_triangle_does_not_change_the_concave_part() {
+    let truth = box_with_pit(0.04);
+    let mut stray = truth.clone();
+    stray.vertices.push([0.0, 0.0, 1.0].into());
+    let concave = |truth: &Mesh| {
+        let found = evaluate(&model(box_with_pit(0.037)), truth, &parameters());
+        found.unwrap().whole.concave
+    };
+    assert_eq!(concave(&stray), concave(&truth));
+}
+
+#[test]
 fn a_pit_that_is_too_shallow_shows_in_the_concave_part() {
     let truth = box_with_pit(0.04);
     assert!(crate::mesh::check(&truth).is_watertight());

@@ -50,4 +50,15 @@ impl Mesh {
     pub fn corners(&self, t: usize) -> [Point3<f32>; 3] {
         three(|i| self.vertices[self.triangles[t][i] as usize])
     }
+
+    /// The vertices that triangles name, each once, in their order.
+    pub fn used_vertices(&self) -> Vec<Point3<f32>> {
+        let mut is_used = vec![false; self.vertices.len()];
+        for &v in self.triangles.as_flattened() {
+            is_used[v as usize] = true;
+        }
+        let each = self.vertices.iter().zip(is_used);
+        each.filter_map(|(&p, is_used)| is_used.then_some(p))
+            .collect()
+    }
 }
