@@ -15,7 +15,7 @@ use super::uncertainty::{self, FairedHull, OutsideErrors, RoundBody, UnrequiredP
 use super::{DepthView, FusedCaptures, Model, Progress, Scene, Stage, Texture};
 use crate::calibration::DepthCamera;
 use crate::image::Mask;
-use crate::mesh::{Bvh, Mesh, Simplified, SimplifyError, simplify, vertex_normals};
+use crate::mesh::{Mesh, Simplified, SimplifyError, mean_departures, simplify, vertex_normals};
 use nalgebra::Point3;
 use rayon::prelude::*;
 
@@ -586,26 +586,6 @@ fn simplified(model: Model, vertices: usize) -> Result<Model, SimplifyError> {
         },
         texture: None,
     })
-}
-
-/// For each vertex of a mesh the mean distance, in metres, between the triangles around it and those of `points` that
-/// they are nearest to.
-fn mean_departures(mesh: &Mesh, points: &[Point3<f32>]) -> Vec<f32> {
-    let tree = Bvh::new(mesh);
-    let nearest: Vec<_> = points
-        .par_iter()
-        .map(|p| tree.closest_point(p.cast()))
-        .collect();
-    let mut sums = vec![(0.0, 0u32); mesh.vertices.len()];
-    for found in nearest.into_iter().flatten() {
-        for corner in mesh.triangles[found.triangle] {
-            let (sum, count) = &mut sums[corner as usize];
-            *sum += found.distance;
-            *count += 1;
-        }
-    }
-    let mean = |(sum, count): (f64, u32)| (sum / f64::from(count.max(1))) as f32;
-    sums.into_iter().map(mean).collect()
 }
 
 fn restore(
