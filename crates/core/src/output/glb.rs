@@ -190,7 +190,7 @@ fn attributes_in_words(model: &Model) -> Value {
     let mut words = json!({
         "_PROVENANCE": Provenance::ALL,
         "_ERROR": "expected distance to the true surface in metres",
-        "_SEEN": "1 where a camera saw the surface, 0 where its colour is spread from neighbours",
+        "_SEEN": "1 where a camera saw the surface, 0 where none did: grey, or the colours around it",
     });
     if !model.captures.is_empty() {
         words["_CAPTURES"] = CAPTURES.into();
