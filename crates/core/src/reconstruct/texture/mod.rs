@@ -162,7 +162,11 @@ pub fn paint_in_order(
         (blend, vertex_colors)
     };
     let lay_out = || charts::Layout::new(&surface, &labels, specks, parameters);
-    let ((blend, vertex_colors), layout) = rayon::join(blend, lay_out);
+    let ((blend, mut vertex_colors), layout) = rayon::join(blend, lay_out);
+    if layout.is_empty() {
+        // Where the charts do not fit, nothing has a colour of any camera.
+        vertex_colors.fill(unseen::NEUTRAL);
+    }
     let painted = atlas::Paint {
         surface: &surface,
         gains: &gains,
@@ -175,7 +179,6 @@ pub fn paint_in_order(
         atlas,
         corner_uv,
         vertex_colors: vertex_colors.iter().map(|&c| to_bytes(c)).collect(),
-        // Where the charts do not fit, the atlas has no colour of any camera.
         seen: labels
             .iter()
             .map(|&l| l != labels::UNSEEN && !layout.is_empty())

@@ -709,9 +709,12 @@ fn the_atlas_stays_within_its_limit() {
             let error = error_in_triangles(&model, &texture, pattern);
             assert!(error < 6.0, "{error}");
         }
-        // Where nothing fits, the atlas shows nothing that a camera saw.
+        // Where nothing fits, the model shows nothing that a camera saw.
         let fits = atlas.width() * atlas.height() > 1;
         assert_eq!(texture.seen.contains(&true), fits, "{largest_side}");
+        let colors = atlas.pixels().iter().chain(&texture.vertex_colors);
+        let is_grey = { colors }.all(|&color| color == [128; 3]);
+        assert_eq!(is_grey, !fits, "{largest_side}");
     }
 }
 
