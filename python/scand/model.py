@@ -77,8 +77,9 @@ _PLY_TYPES = {"float": "<f4", "uchar": "u1", "uint": "<u4"}
 
 
 def _read_ply(data):
-    end = data.find(b"end_header\n")
-    if not data.startswith(b"ply\n") or end < 0:
+    # A line of its own: a comment may end in the word.
+    end = data.find(b"\nend_header\n") + 1
+    if not data.startswith(b"ply\n") or end == 0:
         raise ValueError("not a PLY of scand")
     lines = data[:end].decode().split("\n")
     if lines[1] != "format binary_little_endian 1.0":

@@ -432,6 +432,13 @@ def test_colours_are_told_to_rerun_in_the_order_that_they_have():
         assert asked.pop("pixel_format") and asked == {"bytes": bytes, **sides}
 
 
+def test_a_comment_that_ends_as_the_header_does_is_read(tmp_path):
+    path = ply(tmp_path / "model.ply")
+    path.write_bytes(path.read_bytes().replace(b"A krater", b"an end_header"))
+    model = scand.read_model(path)
+    assert model.about["title"] == "an end_header" and len(model.vertices) == 3
+
+
 def test_a_ply_says_any_letter_in_ascii(tmp_path):
     path = ply(tmp_path / "model.ply")
     escaped = rb'comment title Krater \u00ab\u0397\u00bb \\u00 "\ud80c\udc00" 100 %'
