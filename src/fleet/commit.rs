@@ -300,6 +300,19 @@ mod tests {
     }
 
     #[test]
+    fn reports_of_each_version_are_taken() {
+        let bundle = Place::new().failure("no light");
+        let mut report: Value = serde_json::from_slice(bundle.file(REPORT).unwrap()).unwrap();
+        assert_eq!(report["version"], crate::report::VERSION);
+        for version in 1..=crate::report::VERSION {
+            report["version"] = version.into();
+            assert_eq!(against_schema(&report), None, "{version}");
+        }
+        report["version"] = 0.into();
+        assert!(against_schema(&report).is_some());
+    }
+
+    #[test]
     fn an_open_mesh_is_one_only_where_its_report_says_so() {
         let mut mesh = mesh::cuboid([-1.0; 3], [1.0; 3]);
         assert_eq!(of_mesh(&mesh, false), None);

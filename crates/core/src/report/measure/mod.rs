@@ -13,6 +13,7 @@ mod unobserved;
 pub use color::{ColorMeasures, Consistency};
 pub use depth::{DepthMeasures, RegionMeasures};
 pub use exchanged::Exchanged;
+pub(super) use model::by_provenance;
 pub use model::{AtlasMeasures, ModelMeasures, ProvenanceMeasures};
 pub use moved::MovedCamera;
 pub use unobserved::UnobservedMeasures;

@@ -22,7 +22,7 @@ pub struct ModelMeasures {
     pub bounds: [[f32; 3]; 2],
     /// Edge of a cell of the surfaces it was made of, in metres.
     pub cell_size: f64,
-    /// Its vertices by where they come from.
+    /// The parts of its surface by where they come from.
     pub provenance: Vec<ProvenanceMeasures>,
     /// The mean of its expected errors over its surface, without the face on the table, in metres.
     pub mean_expected_error: f64,
@@ -74,14 +74,15 @@ pub struct AtlasMeasures {
     pub texel_size: Option<f64>,
 }
 
-/// Vertices of one provenance.
+/// The part of a surface that has one provenance. Each corner of a triangle stands for a third of it, so that it does
+/// not matter how many vertices a part has.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct ProvenanceMeasures {
-    /// Where they come from.
+    /// Where it comes from.
     pub provenance: Provenance,
-    /// Their share of all vertices.
+    /// Its share of the surface's area.
     pub share: f64,
-    /// The mean of their expected errors in metres; 0 where there are none.
+    /// The mean of its expected errors over its area in metres; 0 where it has none.
     pub mean_expected_error: f64,
 }
 
@@ -95,7 +96,7 @@ impl ModelMeasures {
             mesh,
             bounds: bounds.map(|corner| corner.into()),
             cell_size: made.cell_size,
-            provenance: Provenance::ALL.map(|p| of_provenance(made, p)).to_vec(),
+            provenance: by_provenance(model).to_vec(),
             mean_expected_error: mean_expected_error(model),
             unobserved: UnobservedMeasures::of(scene, made),
             textured: model
@@ -123,7 +124,7 @@ impl ModelMeasures {
         }
     }
 
-    /// Share of the vertices of one provenance.
+    /// Share of the surface of one provenance.
     pub fn share(&self, provenance: Provenance) -> f64 {
         let found = self.provenance.iter().find(|p| p.provenance == provenance);
         found.map_or(0.0, |p| p.share)
@@ -170,18 +171,27 @@ fn mean_expected_error(model: &Model) -> f64 {
     if area > 0.0 { sum / area } else { 0.0 }
 }
 
-fn of_provenance(made: &Reconstruction, provenance: Provenance) -> ProvenanceMeasures {
-    let each = made.model.provenance.iter().zip(&made.model.expected_error);
-    let (mut count, mut sum) = (0usize, 0.0);
-    for (_, &error) in each.filter(|(p, _)| **p == provenance) {
-        count += 1;
-        sum += f64::from(error);
+/// The parts of a model's surface, in the order of [`Provenance::ALL`].
+pub(crate) fn by_provenance(model: &Model) -> [ProvenanceMeasures; 6] {
+    let (mut areas, mut sums) = ([0.0; 6], [0.0; 6]);
+    for (triangle, corners) in model.mesh.triangles.iter().enumerate() {
+        let third = third_of_area(&model.mesh, triangle);
+        for vertex in corners.iter().map(|&vertex| vertex as usize) {
+            let part = model.provenance[vertex] as usize;
+            areas[part] += third;
+            sums[part] += third * f64::from(model.expected_error[vertex]);
+        }
     }
-    ProvenanceMeasures {
-        provenance,
-        share: count as f64 / made.model.provenance.len().max(1) as f64,
-        mean_expected_error: sum / count.max(1) as f64,
-    }
+    let total: f64 = areas.iter().sum();
+    let ratio = |of: f64, to: f64| if to > 0.0 { of / to } else { 0.0 };
+    Provenance::ALL.map(|provenance| {
+        let (area, sum) = (areas[provenance as usize], sums[provenance as usize]);
+        ProvenanceMeasures {
+            provenance,
+            share: ratio(area, total),
+            mean_expected_error: ratio(sum, area),
+        }
+    })
 }
 
 #[cfg(test)]
@@ -211,6 +221,35 @@ mod tests {
         assert!((share_of_area(&mesh, &[true, false]) - 0.8).abs() < 1e-9);
         assert_eq!(share_of_area(&mesh, &[true, true]), 1.0);
         assert_eq!(share_of_area(&triangles(&[corner(0.0)]).mesh, &[true]), 0.0);
+    }
+
+    #[test]
+    fn a_part_of_the_surface_is_a_share_of_its_area_and_not_of_its_vertices() {
+        let mut model = triangles(&[
+            (1.0, Provenance::Hull, 1e-3),
+            (0.5, Provenance::Restored, 6e-3),
+        ]);
+        // A corner with another error stands for a third of its triangle, as each other one.
+        model.expected_error[0] = 4e-3;
+        let parts = by_provenance(&model);
+        let of = |provenance: Provenance| {
+            let part = parts[provenance as usize];
+            assert_eq!(part.provenance, provenance);
+            [part.share, 1e3 * part.mean_expected_error]
+        };
+        let near = |[a, b]: [f64; 2], [c, d]: [f64; 2]| {
+            assert!((a - c).abs() < 1e-6 && (b - d).abs() < 1e-6, "{a} {b}");
+        };
+        near(of(Provenance::Hull), [0.8, 2.0]);
+        near(of(Provenance::Restored), [0.2, 6.0]);
+        near(of(Provenance::Table), [0.0, 0.0]);
+        near(of_nothing(), [0.0, 0.0]);
+    }
+
+    /// Share and mean error of a part of a model without a surface.
+    fn of_nothing() -> [f64; 2] {
+        let [part, ..] = by_provenance(&Model::default());
+        [part.share, part.mean_expected_error]
     }
 
     #[test]

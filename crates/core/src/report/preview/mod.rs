@@ -15,12 +15,13 @@ pub use object::{CaptureViews, preview_object};
 pub use views::picture_of;
 
 use super::coarse::coarse;
+use super::measure::by_provenance;
 use super::verdict::Verdict;
 use crate::description::{Description, PROVENANCES};
 use crate::image::{RgbImage, text_size};
 use crate::level::Level;
 use crate::mesh::{Mesh, bounding_box};
-use crate::reconstruct::{Provenance, Reconstruction, Scene};
+use crate::reconstruct::{Reconstruction, Scene};
 use canvas::{EMPTY, INK, PALE, PAPER, fill, paste, write};
 use depth::DepthPanels;
 use header::Header;
@@ -248,20 +249,12 @@ fn size_words(made: &Reconstruction) -> String {
 
 /// What the colours of the third panels mean, and how much of the model is of each.
 fn legend(sheet: &mut RgbImage, made: &Reconstruction, top: usize) -> usize {
-    let total = made.model.provenance.len().max(1) as f64;
     let mut left = MARGIN;
-    for provenance in Provenance::ALL {
-        let count = made
-            .model
-            .provenance
-            .iter()
-            .filter(|&&p| p == provenance)
-            .count();
-        let share = 100.0 * count as f64 / total;
-        let (_, words) = PROVENANCES[provenance as usize];
-        let label = format!("{words} {share:.0} %");
-        let (color, ink) = if count > 0 {
-            (provenance_color(provenance), INK)
+    for part in by_provenance(&made.model) {
+        let (_, words) = PROVENANCES[part.provenance as usize];
+        let label = format!("{words} {:.0} %", 100.0 * part.share);
+        let (color, ink) = if part.share > 0.0 {
+            (provenance_color(part.provenance), INK)
         } else {
             (EMPTY, PALE)
         };

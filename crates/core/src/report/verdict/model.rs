@@ -8,7 +8,7 @@ use crate::words;
 /// Cubic metres that may stay unproved unsaid: a cube of 4 mm.
 const LEAST_UNPROVED: f64 = 6.4e-8;
 
-/// Share of the vertices from which a note says how much is interpolated.
+/// Share of the surface from which a note says how much is interpolated.
 const NOTED_BRIDGED: f64 = 0.05;
 
 pub(super) fn judge(measured: &Measurements, parameters: &Parameters, into: &mut Vec<Reason>) {

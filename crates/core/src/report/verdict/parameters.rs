@@ -93,7 +93,7 @@ pub struct Parameters {
     pub unobserved: Limits,
     /// Share of the concave regions' pixels without readings that count. Default 0.6.
     pub region_unread: Limits,
-    /// Share of the model's vertices that bridge holes of the depth. Default 0.25.
+    /// Share of the model's area that bridges holes of the depth. Default 0.25.
     pub bridged: Limits,
     /// Mean of the model's expected errors over its surface, without the face on the table, in millimetres. Default
     /// 1.25.
