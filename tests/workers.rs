@@ -9,6 +9,8 @@ mod support;
 use rustix::fs::{Mode, OFlags};
 use rustix::process::Pid;
 use scand::config::Config;
+use scand::workers::object_protocol::{self, ObjectModelRequest};
+use scand::workers::protocol::Confinement;
 use scand::workers::{
     FinishedJob, Job, Jobs, Limits, Parameters, Remake, WorkerPlan, Workers, confine, start_models,
     start_remakes,
@@ -214,6 +216,78 @@ fn a_model_that_is_made_again_lies_beside_the_first() {
     assert!(none.model.unwrap_err().contains("no recording in"));
     assert!(!home.path().join("models/.remake").exists());
     until("not finished", || jobs.backlog().remakes == 0);
+}
+
+/// Makes the model of object 17 from a session's two recordings, as the daemon does, or finds poses alone: whether that
+/// says that it worked, and its words.
+fn make_object(home: &Path, registers: bool) -> (bool, String) {
+    let recordings = ["a.mcap", "a-002.mcap"].map(|name| home.join(name));
+    let (models, config) = (home.join("models"), home.join("settings.toml"));
+    let request = ObjectModelRequest {
+        confinement: Confinement {
+            memory_mb: 2000,
+            nice: 10,
+        },
+        recordings: &recordings,
+        subject: "17",
+        newest: "cup-000",
+        registers,
+        models: &models,
+        config: &config,
+    };
+    let mut command = scand();
+    command.arg(object_protocol::COMMAND);
+    let made = command.args(request.arguments()).output().unwrap();
+    let words = String::from_utf8_lossy(&made.stderr).into_owned();
+    (made.status.success(), words)
+}
+
+#[test]
+fn a_recording_that_cannot_be_read_takes_no_model_of_its_captures_away() {
+    let home = tempfile::tempdir().unwrap();
+    let [first, second] = ["a.mcap", "a-002.mcap"].map(|name| home.path().join(name));
+    let simulated = scand()
+        .args(["simulate", "--shape", "cup", "--cameras", "5", "--masks"])
+        .args(["--size", "320x240", "--subject", "17"])
+        .args([Path::new("--out"), &second])
+        .status();
+    assert!(simulated.unwrap().success());
+    std::fs::write(&first, "no recording").unwrap();
+    std::fs::write(home.path().join("settings.toml"), settings()).unwrap();
+    let folder = home.path().join("models/a/17.object");
+    std::fs::create_dir_all(&folder).unwrap();
+    let earlier = |captures: &[&str]| {
+        let of = |id: &&str| serde_json::json!({"id": id, "is_fused": true});
+        let captures: Vec<serde_json::Value> = captures.iter().map(of).collect();
+        let verdict = serde_json::json!({"level": "green", "reasons": []});
+        let fusion = serde_json::json!({"captures": captures});
+        let report = serde_json::json!({"outcome": "done", "verdict": verdict, "fusion": fusion});
+        std::fs::write(folder.join("report.json"), report.to_string()).unwrap();
+        std::fs::write(folder.join("model.glb"), "as it was").unwrap();
+    };
+    let model = || std::fs::read(folder.join("model.glb")).unwrap();
+
+    earlier(&["a-0001", "cup-000"]);
+    let (is_made, words) = make_object(home.path(), false);
+    assert!(!is_made && model() == b"as it was", "{words}");
+    assert!(words.contains("a.mcap is not an MCAP file"), "{words}");
+    assert!(words.contains("made before stays"), "{words}");
+    // It gets its final name just before it is opened: the daemon starts all of it again.
+    let renamed = home.path().join("renamed");
+    std::fs::rename(&first, &renamed).unwrap();
+    for registers in [true, false] {
+        let (is_done, words) = make_object(home.path(), registers);
+        assert!(!is_done && model() == b"as it was", "{words}");
+        assert!(!words.contains("scand: found:"), "{words}");
+    }
+    std::fs::rename(&renamed, &first).unwrap();
+
+    // A model of other captures is made anew, and its report says what is missing.
+    earlier(&["cup-000"]);
+    let (is_made, words) = make_object(home.path(), false);
+    assert!(is_made && model() != b"as it was", "{words}");
+    let missing = serde_json::json!(["recording a.mcap cannot be read"]);
+    assert_eq!(report(&folder)["fusion"]["not_used"], missing);
 }
 
 /// This test's own process again, in another part.

@@ -8,8 +8,8 @@ use crate::config::Config;
 use crate::frame::CaptureId;
 use crate::level::Level;
 use crate::make_model::{
-    FailedJob, Gathered, ModelMaker, ObjectOutcome, ObjectRequest, Registering, Source, Wanted,
-    gather, object_folder_name, report_failure,
+    FailedJob, Gathered, ModelMaker, ObjectOutcome, ObjectRequest, Registering, ReportFile, Source,
+    Wanted, gather, object_folder_name, report_failure,
 };
 use crate::recording::{Recording, beside, finished_name};
 use crate::report::FailedCapture;
@@ -68,7 +68,7 @@ pub fn run(args: Args) -> anyhow::Result<ExitCode> {
     let notes = args.recording.iter().map(|path| beside(path));
     reads.extend(notes.filter(|path| path.exists()));
     args.confinement.confine(&reads, &writes)?;
-    let sessions = open_all(&args.recording, &config)?;
+    let (sessions, unread) = open_all(&args.recording, &config)?;
     let settings = settings(&config)?;
     let found = gather(&sessions, Wanted::Subject(&args.subject));
     let sources = sources(&sessions, &found);
@@ -82,11 +82,14 @@ pub fn run(args: Args) -> anyhow::Result<ExitCode> {
         folder: folder_for(&writes, &args.subject).unwrap_or_else(|| folder_of(&args.out, first)),
         on_stage: &|_, _| {},
     };
+    let cannot_be_read = |unread: &Unread| format!("recording {} cannot be read", unread.name);
+    let mut not_used = found.left_out.clone();
+    not_used.extend(unread.iter().map(cannot_be_read));
     let request = ObjectRequest {
         subject: &args.subject,
         upright: None,
         given: None,
-        not_used: found.left_out.clone(),
+        not_used,
         replaces: true,
     };
     let mut told = CapturesFound {
@@ -105,6 +108,14 @@ pub fn run(args: Args) -> anyhow::Result<ExitCode> {
     if args.register || (sources.len() < 2 && !told.has_folder) {
         return Ok(ExitCode::SUCCESS);
     }
+    if let Some(unread) = unread.first() {
+        let earlier = maker.object_folder(&args.subject);
+        if told.has_folder && has_captures_of_others(&earlier, &sessions) {
+            anyhow::bail!("{}; the model that was made before stays", unread.why);
+        }
+        // What became of its captures is not known.
+        anyhow::ensure!(!sources.is_empty(), "{}", unread.why);
+    }
     if sources.is_empty() {
         return none_left(&args, &sessions, &maker);
     }
@@ -112,26 +123,52 @@ pub fn run(args: Args) -> anyhow::Result<ExitCode> {
     Ok(code(&outcome))
 }
 
-/// The recordings of the session. One that cannot be read hinders no object of the others.
-fn open_all(paths: &[PathBuf], config: &Config) -> anyhow::Result<Vec<CaptureSession>> {
-    let mut sessions = Vec::new();
-    let mut problem = None;
+/// A recording that cannot be read.
+struct Unread {
+    /// The name of its file.
+    name: String,
+    why: String,
+}
+
+/// The recordings of the session, and those that cannot be read: these hinder no object of the others.
+///
+/// # Errors
+/// If none can be read, or one has another name by now, with which this process is started again.
+fn open_all(
+    paths: &[PathBuf],
+    config: &Config,
+) -> anyhow::Result<(Vec<CaptureSession>, Vec<Unread>)> {
+    let (mut sessions, mut unread) = (Vec::new(), Vec::new());
     for path in paths {
         let recording = Recording::open(path).map_err(anyhow::Error::from);
         let session = recording.and_then(|r| Ok(CaptureSession::of_any(r, &config.sync)?));
         match session.with_context(|| path.display().to_string()) {
             Ok(session) => sessions.push(session),
-            Err(error) => problem = Some(error),
+            Err(error) if object_protocol::is_gone(path) => return Err(error),
+            Err(error) => unread.push(Unread {
+                name: path
+                    .file_name()
+                    .unwrap_or_default()
+                    .to_string_lossy()
+                    .into_owned(),
+                why: format!("{error:#}"),
+            }),
         }
     }
-    match problem {
-        Some(problem) if sessions.is_empty() => Err(problem),
-        Some(problem) => {
-            protocol::warn(&format!("{problem:#}"));
-            Ok(sessions)
-        }
-        None => Ok(sessions),
+    match unread.last() {
+        Some(last) if sessions.is_empty() => anyhow::bail!("{}", last.why),
+        _ => unread.iter().for_each(|unread| protocol::warn(&unread.why)),
     }
+    Ok((sessions, unread))
+}
+
+/// Whether the model in a folder was made of a capture that none of these recordings has, or may have been.
+fn has_captures_of_others(folder: &Path, sessions: &[CaptureSession]) -> bool {
+    let is_known = |id: &String| {
+        let id = CaptureId::new(id);
+        id.is_ok_and(|id| sessions.iter().any(|s| s.capture(&id).is_some()))
+    };
+    ReportFile::fused(folder).is_none_or(|fused| !fused.iter().all(is_known))
 }
 
 fn sources<'a>(sessions: &'a [CaptureSession], found: &'a Gathered) -> Vec<Source<'a>> {

@@ -4,7 +4,7 @@
 use super::jobs::{Error, Jobs};
 use super::object_find::of_session;
 use super::object_jobs::ClaimedObjectJob;
-use super::object_protocol::{CapturesFound, ObjectModelRequest, PosesFound};
+use super::object_protocol::{CapturesFound, ObjectModelRequest, PosesFound, is_gone};
 use super::outcome::{self, ReportBefore};
 use super::pool::{MAX_STARTS, WorkerPlan};
 use super::protocol::{self, Confinement};
@@ -261,7 +261,7 @@ impl Shared {
                 })
             }
             Ok(_) => {
-                let is_renamed = recordings.iter().any(|path| !path.exists());
+                let is_renamed = recordings.iter().any(|path| is_gone(path));
                 // Otherwise it counts: a job whose process is ended again and again must come to an end.
                 if self.jobs.objects().is_stopped() || is_renamed {
                     taken.job.newest.begun -= 1;
@@ -376,5 +376,5 @@ fn was_ended(status: ExitStatus, recordings: &[PathBuf]) -> bool {
     let asked = status
         .signal()
         .is_some_and(|signal| HANGUP_INTERRUPT_TERMINATE.contains(&signal));
-    asked || (!status.success() && recordings.iter().any(|path| !path.exists()))
+    asked || (!status.success() && recordings.iter().any(|path| is_gone(path)))
 }

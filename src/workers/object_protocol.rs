@@ -14,6 +14,13 @@ pub const REGISTER: &str = "register";
 /// What a line on standard error begins with that has a [`CapturesFound`].
 const FOUND: &str = "scand: found: ";
 
+/// Whether a recording that a process was given has another name by now: then the process fails, and is started again
+/// with that name. A link that leads nowhere has its name still.
+pub fn is_gone(recording: &Path) -> bool {
+    let found = recording.symlink_metadata();
+    found.is_err_and(|error| error.kind() == std::io::ErrorKind::NotFound)
+}
+
 /// What a process is asked for.
 #[derive(Clone, Copy, Debug)]
 pub struct ObjectModelRequest<'a> {

@@ -89,20 +89,34 @@ impl ReportFile {
 
     /// The captures that an object's report leaves out, by name and with the reason; none where it cannot be read.
     pub fn left_out(folder: &Path) -> Vec<String> {
-        let json = text(folder)
-            .ok()
-            .and_then(|text| serde_json::from_str(&text).ok());
-        let json: serde_json::Value = json.unwrap_or_default();
-        let captures = json["fusion"]["captures"]
-            .as_array()
-            .cloned()
-            .unwrap_or_default();
+        let captures = json(folder).map(|json| captures(&json)).unwrap_or_default();
         let left = captures.iter().filter(|c| c["is_fused"] == false);
         let of =
             |c: &serde_json::Value, name: &str| c[name].as_str().unwrap_or_default().to_owned();
         left.map(|c| format!("{}: {}", of(c, "id"), of(c, "words")))
             .collect()
     }
+
+    /// The names of the captures that an object's model is made of, none where its report is that of a failure; `None`
+    /// where no report can be read.
+    pub fn fused(folder: &Path) -> Option<Vec<String>> {
+        let json = json(folder)?;
+        let is_model = json["outcome"] == "done";
+        let captures = captures(&json).into_iter().filter(|_| is_model);
+        let fused = captures.filter(|c| c["is_fused"] == true);
+        let names = fused.filter_map(|c| c["id"].as_str().map(str::to_owned));
+        Some(names.collect())
+    }
+}
+
+fn json(folder: &Path) -> Option<serde_json::Value> {
+    serde_json::from_str(&text(folder).ok()?).ok()
+}
+
+/// What an object's report says of each of its captures.
+fn captures(report: &serde_json::Value) -> Vec<serde_json::Value> {
+    let captures = report["fusion"]["captures"].as_array();
+    captures.cloned().unwrap_or_default()
 }
 
 #[cfg(test)]
@@ -155,6 +169,24 @@ mod tests {
             (ReportOutcome::Failed, None)
         );
         assert_eq!(std::fs::read(folder.join("worker.log")).unwrap(), b"words");
+    }
+
+    #[test]
+    fn an_objects_report_tells_of_which_captures_its_model_is() {
+        let fused = |text: &str| {
+            let folder = tempfile::tempdir().unwrap();
+            std::fs::write(folder.path().join(NAME), text).unwrap();
+            let left_out = ReportFile::left_out(folder.path());
+            (ReportFile::fused(folder.path()), left_out)
+        };
+        let captures = r#""fusion": {"captures": [{"id": "a", "is_fused": true},
+            {"id": "b", "is_fused": false, "words": "it moved"}]}}"#;
+        let (of_model, left_out) = fused(&format!(r#"{{"outcome": "done", {captures}"#));
+        assert_eq!(of_model, Some(vec!["a".to_owned()]));
+        assert_eq!(left_out, ["b: it moved"]);
+        let (of_failure, _) = fused(&format!(r#"{{"outcome": "failed", {captures}"#));
+        assert_eq!(of_failure, Some(Vec::new()));
+        assert_eq!(fused(r#"{"outcome": "#), (None, Vec::new()));
     }
 
     #[test]
