@@ -324,11 +324,9 @@ impl CapturePair<'_> {
         let middle = middle_of_wide(turns, is_good).filter(|_| is_borne);
         let top = middle.unwrap_or(top);
         let near = limits::DEPTH_SPREAD * a.radius;
-        let spread = good
-            .iter()
-            .map(|&i| displacement(&poses[i], &poses[top], &a.surface));
+        let is_near = |i: usize| displacement(&poses[i], &poses[top], &a.surface) < near;
         let sigma_deg = half_width_deg(&good, poses);
-        let is_one = spread.fold(0.0, f64::max) < near
+        let is_one = may_be_right(shares, &good).all(is_near)
             && sigma_deg <= limits::DEPTH_SIGMA_DEG
             && least < limits::DEPTH_CONTRADICTS;
         let is_free = decision.free_axis.is_some();
@@ -439,6 +437,13 @@ impl CapturePair<'_> {
 fn is_too_much(depth: DepthWitness) -> bool {
     depth.contradicting > limits::DEPTH_CONTRADICTS
         || depth.contradicting > limits::depth(depth.least)
+}
+
+/// The poses that depth does not speak against: those that it finds good, and those at which the captures have too few
+/// readings in common to tell.
+fn may_be_right<'a>(shares: &'a [f64], good: &'a [usize]) -> impl Iterator<Item = usize> + 'a {
+    let unknown = (0..shares.len()).filter(move |&i| shares[i].is_nan());
+    good.iter().copied().chain(unknown)
 }
 
 /// Half the largest turn between two of the good poses, in degrees.
@@ -579,6 +584,13 @@ mod tests {
         assert!((half_width_deg(&[0, 1, 2], &poses) - 1.5).abs() < 1e-6);
         assert!(half_width_deg(&[0, 1, 2, 3], &poses) > limits::DEPTH_SIGMA_DEG);
         assert!((half_width_deg(&[0, 4], &poses) - 45.0).abs() < 1e-6);
+    }
+
+    #[test]
+    fn a_pose_that_depth_cannot_compare_may_be_the_right_one() {
+        let shares = [f64::NAN, 0.001, 0.05];
+        assert!(may_be_right(&shares, &[1]).eq([1, 0]));
+        assert!(may_be_right(&shares[1..], &[0]).eq([0]));
     }
 
     #[test]
