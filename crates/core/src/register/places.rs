@@ -103,6 +103,7 @@ pub(super) fn largest(
     order: &[usize],
 ) -> Places {
     let mut best = Places::default();
+    let mut outvoted = Vec::new();
     let mut rest = order.to_vec();
     // The first may be the odd one out. What is in a group, or was outvoted in one, is in no larger one.
     while let Some(&root) = rest.first()
@@ -111,10 +112,12 @@ pub(super) fn largest(
         let found = agreeing(comparisons, against_all, &rest);
         let is_outvoted = |index: usize| found.outvoted.iter().any(|o| o.0 == index);
         rest.retain(|&i| i != root && found.of(i).is_none() && !is_outvoted(i));
+        outvoted.extend_from_slice(&found.outvoted);
         if found.placed.len() > best.placed.len() {
             best = found;
         }
     }
+    best.outvoted = outvoted;
     best
 }
 
@@ -284,6 +287,19 @@ mod tests {
         // The frame is that of the next one.
         assert_eq!(found.placed[0].rig_from_object, Isometry3::identity());
         assert!(found.placed[0].found.is_none());
+    }
+
+    #[test]
+    fn who_was_outvoted_in_a_group_is_told_although_another_group_counts() {
+        // 1 is another object, and the first of those that are left.
+        let compare = table(&[(0, 2, HELD), (0, 3, HELD), (2, 3, HELD)]);
+        let against_all = |placed: &[Placed], i: usize| {
+            Some(at_once(if placed[i].index == 0 { 2.0 } else { 0.1 }))
+        };
+        let mut comparisons = Comparisons::new(&compare, 4);
+        let found = largest(&mut comparisons, &against_all, &[0, 1, 2, 3]);
+        assert_eq!(indices(&found), [2, 3]);
+        assert_eq!(found.outvoted, [(0, 2e-4)]);
     }
 
     #[test]
