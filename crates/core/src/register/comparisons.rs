@@ -12,7 +12,7 @@ pub(super) type Compare<'a> = &'a (dyn Fn(usize, usize) -> Option<Decision> + Sy
 /// What is known of pairs of captures.
 pub(super) struct Comparisons<'a> {
     compare: Compare<'a>,
-    /// By the numbers of the two captures, in the order in which they were compared.
+    /// By the numbers of the two captures, in the order in which they were asked for.
     known: BTreeMap<(usize, usize), Decision>,
     /// How many more there may be.
     left: usize,
@@ -28,8 +28,15 @@ impl<'a> Comparisons<'a> {
         }
     }
 
-    /// Compares those of the pairs that were not compared yet; the first of them, if there are too many.
+    /// Compares those of the pairs that were not compared yet, in whichever order; the first of them, if there are too
+    /// many.
     pub(super) fn make(&mut self, pairs: &[(usize, usize)]) {
+        for &(first, second) in pairs {
+            let back = self.known.get(&(second, first)).map(Decision::reversed);
+            if let Some(back) = back {
+                self.known.entry((first, second)).or_insert(back);
+            }
+        }
         let is_new = |pair: &&(usize, usize)| !self.known.contains_key(*pair);
         let new: Vec<(usize, usize)> = pairs.iter().filter(is_new).copied().collect();
         let new = &new[..new.len().min(self.left)];

@@ -343,6 +343,22 @@ mod tests {
     }
 
     #[test]
+    fn a_pair_is_compared_once_whichever_of_the_two_comes_first() {
+        let count = std::sync::atomic::AtomicUsize::new(0);
+        let compare = |_: usize, _: usize| {
+            count.fetch_add(1, std::sync::atomic::Ordering::Relaxed);
+            Some(decision(HELD))
+        };
+        let mut comparisons = Comparisons::new(&compare, 2);
+        comparisons.make(&[(0, 1)]);
+        comparisons.make(&[(1, 0), (0, 1)]);
+        assert_eq!(count.load(std::sync::atomic::Ordering::Relaxed), 1);
+        let pose = |first, second| comparisons.held(first, second).unwrap().pose;
+        let off = (pose(1, 0) * pose(0, 1)).translation.vector;
+        assert!(off.norm() < 1e-12, "{off}");
+    }
+
+    #[test]
     fn many_captures_that_never_agree_come_to_an_end() {
         let count = std::sync::atomic::AtomicUsize::new(0);
         let compare = |_: usize, _: usize| {
