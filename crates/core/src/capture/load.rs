@@ -1,6 +1,7 @@
 //! Lists the captures of a recording, and loads one of them as the scene that is reconstructed, by way of its
 //! replay and the synchronisation.
 
+use super::ahead::{FramesAhead, ReplayedFrame};
 use super::error::Error;
 use super::facts::{CaptureFacts, LeftOutCamera};
 use super::pictures::Backgrounds;
@@ -401,7 +402,8 @@ pub(super) fn misnamed(recording: &Recording) -> Vec<String> {
         .collect()
 }
 
-/// Hands everything to the synchronisation in the order of time, as a live rig would.
+/// Hands everything to the synchronisation in the order of time, as a live rig would, but for frames that a later
+/// trigger has listed: they come with it.
 pub(super) fn assemble(
     events: Vec<(Timestamp, ReplayEvent)>,
     cameras: sync::Cameras,
@@ -409,6 +411,7 @@ pub(super) fn assemble(
     warnings: &mut Vec<String>,
 ) -> Vec<Planned> {
     let mut synchronizer = Synchronizer::new(cameras, parameters.clone());
+    let mut ahead = FramesAhead::of(&events);
     let mut failed = BTreeMap::new();
     let mut captures = Vec::new();
     for (time, event) in events {
@@ -418,10 +421,19 @@ pub(super) fn assemble(
                 stream,
                 timestamp,
                 message,
-            } => synchronizer.push_frame(&camera, stream, timestamp, message),
+            } => {
+                let frame = ReplayedFrame {
+                    camera,
+                    stream,
+                    timestamp,
+                    message,
+                };
+                push(&mut synchronizer, ahead.keep(frame));
+            }
             ReplayEvent::Trigger(request) => {
                 captures.extend(synchronizer.advance(time));
                 let id = request.trigger.id.clone();
+                push(&mut synchronizer, ahead.release(&id));
                 if !synchronizer.push_trigger(request.trigger, request.listed) {
                     let at = time.iso_8601();
                     let what = "repeats the id of an earlier trigger and makes no capture";
@@ -441,4 +453,13 @@ pub(super) fn assemble(
         capture,
     };
     captures.into_iter().map(plan).collect()
+}
+
+fn push(
+    synchronizer: &mut Synchronizer<MessageRef>,
+    frames: impl IntoIterator<Item = ReplayedFrame>,
+) {
+    for frame in frames {
+        synchronizer.push_frame(&frame.camera, frame.stream, frame.timestamp, frame.message);
+    }
 }

@@ -1,6 +1,7 @@
 //! Loads captures: replays a recording, lets `sync` assemble its captures, and makes a scene, the input of a
 //! reconstruction, of the one with a given id.
 
+mod ahead;
 mod digest;
 mod error;
 mod extract;

@@ -473,6 +473,48 @@ fn what_the_rig_wrote_of_a_capture_counts() {
 }
 
 #[test]
+fn frames_that_are_listed_are_the_captures_own_however_old_they_are() {
+    let listed = |times: &[u64]| CameraInCapture {
+        timestamps: Some(times.iter().map(|ms| at(*ms)).collect()),
+        lost: None,
+        remarks: Vec::new(),
+    };
+    let depth: Vec<u64> = (0..12).map(|i| 3100 + 33 * i).collect();
+    let cameras = [("c00", listed(&[905])), ("kinect", listed(&depth))];
+    let record = CaptureRecord {
+        id: "b".into(),
+        outcome: CaptureOutcome::Complete,
+        reason: None,
+        skew_ns: None,
+        cameras: cameras.map(|(id, camera)| (id.to_owned(), camera)).into(),
+    };
+    let place = write(|writer, rig| {
+        rig.write_to(writer);
+        rig.write_capture(writer, "a", 900, 12);
+        // After the trigger of a, before those of its frames that the rule takes.
+        let early = frame(camera_id("c00"), Stream::Color, 905);
+        writer.frame(&early).unwrap();
+        for ms in depth {
+            for stream in [Stream::Depth, Stream::DepthColor] {
+                let id = rig.depth.camera.id.clone();
+                writer.frame(&frame(id, stream, ms)).unwrap();
+            }
+        }
+        rig.write_capture(writer, "b", 7000, 0);
+        writer.capture(&record, at(7900)).unwrap();
+    });
+    let (_, facts) = place.load("a").unwrap();
+    assert_eq!(facts.colors[0].delay_ns, 10 * MS as i64);
+    let (_, facts) = place.load("b").unwrap();
+    let delays = [0, 1].map(|i| facts.colors[i].delay_ns);
+    assert_eq!(delays, [-6095 * MS as i64, 11 * MS as i64]);
+    let depth = &facts.depths[0];
+    assert_eq!((depth.frames, depth.color_frames), (12, 12));
+    assert_eq!(depth.largest_color_lag_ns, 0);
+    assert_eq!(place.open().captures().len(), 2);
+}
+
+#[test]
 fn a_broken_picture_costs_its_own_capture() {
     let place = write(|writer, rig| {
         rig.write_to(writer);
