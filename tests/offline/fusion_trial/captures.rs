@@ -123,6 +123,12 @@ fn what_cannot_be_used_takes_no_model_away() {
     failed(&[source(&one), source(&two)], ["it cannot be used", stays]);
     failed(&[source(&two)], ["", stays]);
     failed(&[source(&one); 25], ["25 captures", stays]);
+    // A model whose report was lost or broken is one, too.
+    let report = at("models/17.object/report.json");
+    std::fs::write(&report, "{").unwrap();
+    failed(&[source(&two)], ["", stays]);
+    std::fs::remove_file(&report).unwrap();
+    failed(&[source(&two)], ["", stays]);
     // Poses are not looked for either.
     let request = ObjectRequest::default();
     assert!(

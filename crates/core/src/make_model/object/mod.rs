@@ -273,7 +273,10 @@ impl ModelMaker<'_> {
             return reason;
         }
         let folder = self.object_folder(request.subject);
-        let is_model = ReportFile::read(&folder).is_ok_and(|r| r.model.is_some());
+        // What has no report that can be read may be a model.
+        let is_failure = ReportFile::read(&folder)
+            .is_ok_and(|report| report.outcome == report::ReportOutcome::Failed);
+        let is_model = folder.exists() && !is_failure;
         let may_replace = self.force || request.replaces;
         if is_model && !(may_replace && is_about_the_object(error, fusion)) {
             return format!("{reason}; the model that was made before stays");
