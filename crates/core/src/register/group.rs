@@ -178,18 +178,20 @@ impl Found<'_> {
     fn fill_placed(&self, into: &mut Registered, placed: &Placed) {
         into.rig_from_object = Some(placed.rig_from_object);
         into.all_at_once_mm = placed.at_once.map(|a| 1e3 * a.rms);
+        let at_once = match placed.at_once {
+            Some(at_once) if !at_once.is_clear => Level::Amber,
+            _ => Level::Green,
+        };
         let Some((against, decision)) = &placed.found else {
             into.verdict = Ok(PoseEvidence::Frame);
-            into.level = Level::Green;
+            into.level = at_once;
             (into.sigma_deg, into.sigma_mm) = (0.0, 0.0);
             return;
         };
         self.fill(into, *against, placed.index, decision);
         let axis = decision.free_axis;
         into.free_axis = axis.map(|a| placed.rig_from_object.rotation.inverse() * a);
-        if placed.at_once.is_some_and(|a| !a.is_clear) {
-            into.level = into.level.max(Level::Amber);
-        }
+        into.level = into.level.max(at_once);
         if let Some(leader) = placed.turns_with {
             into.verdict = Ok(PoseEvidence::Nothing);
             into.level = Level::Amber;

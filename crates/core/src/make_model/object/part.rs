@@ -160,7 +160,9 @@ impl Fusion {
     pub(super) fn reasons(&self) -> Vec<Reason> {
         let reason = |c: &FusedCapture| {
             let (level, code) = match (c.held_by, c.is_fused) {
-                (Some(PoseEvidence::Frame), _) => return None,
+                (Some(PoseEvidence::Frame), is_fused) if !is_fused || c.level == Level::Green => {
+                    return None;
+                }
                 (_, false) => (Level::Amber, ReasonCode::CaptureLeftOut),
                 (Some(PoseEvidence::Nothing), _) => (Level::Amber, ReasonCode::TurnUnknown),
                 _ if c.level > Level::Green => (Level::Amber, ReasonCode::PoseDoubtful),
@@ -287,7 +289,9 @@ impl Told<'_> {
             .map(|doubt| format!("; {doubt}"))
             .collect();
         match held_by {
-            PoseEvidence::Frame if self.is_one => "the model has the frame of its rig".to_owned(),
+            PoseEvidence::Frame if self.is_one => {
+                format!("the model has the frame of its rig{doubts}")
+            }
             PoseEvidence::Frame => "the others were compared with it".to_owned(),
             PoseEvidence::Silhouettes => format!(
                 "its pose was found by the silhouettes alone, to {:.2} degrees{doubts}; {NOT_SEEN}",
@@ -382,16 +386,20 @@ impl Told<'_> {
         doubts.into_iter().chain(outlines.flatten())
     }
 
-    /// What outlines say against a pose that they hold, or that colours chose among such poses, if it is amber.
+    /// What outlines say against a pose that they hold, or that colours chose among such poses, or against the capture
+    /// whose frame the model has, if it is amber.
     fn doubt_of_outlines(&self, found: &Registered) -> Option<String> {
-        use PoseEvidence::{Colours, Silhouettes};
-        let is_doubted =
-            found.level == Level::Amber && matches!(found.verdict, Ok(Silhouettes | Colours));
-        is_doubted.then(|| {
+        use PoseEvidence::{Colours, Frame, Silhouettes};
+        let (off, against) = match found.verdict {
+            Ok(Silhouettes | Colours) => (found.disagreement_mm, "in all"),
+            Ok(Frame) => (found.all_at_once_mm, "from all others together"),
+            _ => return None,
+        };
+        (found.level == Level::Amber).then(|| {
             format!(
-                "outlines disagree more than is usual, by {:.2} mm in all{}: look for a step there, and whether something hid \
-                 the object or a piece broke off",
-                found.disagreement_mm.unwrap_or(0.0),
+                "outlines disagree more than is usual, by {:.2} mm {against}{}: look for a step there, and whether \
+                 something hid the object or a piece broke off",
+                off.unwrap_or(0.0),
                 self.place_of_stretch(found)
             )
         })

@@ -133,6 +133,36 @@ fn an_amber_pose_says_why_also_where_nothing_but_outlines_is_to_blame() {
 }
 
 #[test]
+fn a_capture_that_all_others_doubt_is_told_although_the_model_has_its_frame() {
+    let mut frame = registered(Ok(PoseEvidence::Frame));
+    frame.worst_stretch = None;
+    frame.all_at_once_mm = Some(0.12);
+    let told = |frame: &Registered| {
+        let good = registered(Ok(PoseEvidence::Silhouettes));
+        let found = Registration {
+            frame_of: 0,
+            captures: vec![frame.clone(), good.clone(), good],
+            unseen: Unseen::default(),
+        };
+        let known = ["a", "b", "c"].map(known);
+        let fusion = Fusion::new("17", (&known, false), &found, Vec::new());
+        let words = fusion.captures[0].words.clone();
+        (words, fusion.reasons())
+    };
+    let (words, reasons) = told(&frame);
+    assert_eq!(words, "the model has the frame of its rig");
+    assert_eq!(reasons.len(), 2, "{reasons:?}");
+    frame.level = Level::Amber;
+    let (words, reasons) = told(&frame);
+    let why =
+        "of its rig; outlines disagree more than is usual, by 0.12 mm from all others together:";
+    assert!(words.contains(why), "{words}");
+    let first = (reasons[0].level, reasons[0].code);
+    assert_eq!(first, (Level::Amber, ReasonCode::PoseDoubtful));
+    assert!(reasons[0].words.starts_with("capture a: "), "{reasons:?}");
+}
+
+#[test]
 fn each_capture_that_is_refused_is_left_out_by_name_and_with_what_to_do() {
     for refusal in REFUSALS {
         let two = fusion(&[registered(Err(refusal))], false);
