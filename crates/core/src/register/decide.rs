@@ -151,8 +151,9 @@ impl CapturePair<'_> {
         let mut decision = self.state(&aligned, Ok(PoseEvidence::Given));
         decision.accepted = self.object;
         let is_beyond_fitted = decision.verdict.is_err();
-        if is_beyond_fitted && !self.do_silhouettes_object(&decision) {
-            decision.verdict = Ok(PoseEvidence::Given);
+        if is_beyond_fitted {
+            let objection = self.objection_of_silhouettes(&decision);
+            decision.verdict = objection.map_or(Ok(PoseEvidence::Given), Err);
         }
         decision.free_axis = self.free_axis(&aligned);
         decision.colours = Some(match &decision.free_axis {
@@ -178,10 +179,14 @@ impl CapturePair<'_> {
         self.a.body.pixel.max(self.b.body.pixel)
     }
 
-    /// Whether silhouettes object to a pose that was not fitted to them.
-    fn do_silhouettes_object(&self, decision: &Decision) -> bool {
+    /// Why silhouettes object to a pose that was not fitted to them, if they do.
+    fn objection_of_silhouettes(&self, decision: &Decision) -> Option<Refusal> {
+        if decision.disagreement > self.object {
+            return Some(Refusal::NoPose);
+        }
         let beyond_own = weight_of(decision.beyond_own.as_ref());
-        decision.disagreement > self.object || limits::does_stretch_object(beyond_own, self.pixel())
+        let objects = limits::does_stretch_object(beyond_own, self.pixel());
+        objects.then_some(Refusal::Stretch)
     }
 
     /// The axis about which the silhouettes leave the turn of a pose open, in the second's rig.

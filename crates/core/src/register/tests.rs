@@ -303,19 +303,54 @@ fn decided_of_noisy(captures: &[(Scene, Vec<Silhouette>); 2]) -> Decision {
     decide(&a, &b, None)
 }
 
+/// Leaves only some balls of a capture's body in one outline, the one in which that changes most.
+fn lose_in_one_view(
+    (scene, silhouettes): &mut (Scene, Vec<Silhouette>),
+    left: &[Ball],
+    rig_from_object: &Isometry3<f64>,
+) {
+    let views = scene.colors.iter();
+    let levels: Vec<Mask> = views
+        .map(|view| level(&view.camera, left, rig_from_object))
+        .collect();
+    let missing = |i: &usize| {
+        let before = silhouettes[*i].level.pixels().iter();
+        before
+            .zip(levels[*i].pixels())
+            .filter(|(a, b)| a != b)
+            .count()
+    };
+    let most = (0..levels.len()).max_by_key(missing).unwrap();
+    silhouettes[most].level = levels[most].clone();
+}
+
+#[test]
+fn a_given_pose_to_which_only_a_stretch_objects_is_refused_for_it() {
+    let poses = near_poses();
+    let mut captures = poses.map(|pose| capture(&crooked(), &pose));
+    lose_in_one_view(&mut captures[1], &crooked()[..1], &poses[1]);
+    let decided = |noise: Option<f64>| {
+        let [a, b] = captures.each_ref().map(|(scene, silhouettes)| {
+            let mut prepared = prepare(&CaptureSilhouettes { scene, silhouettes }).unwrap();
+            prepared.own.rms = noise.unwrap_or(prepared.own.rms);
+            prepared
+        });
+        decide(&a, &b, Some(poses[1] * poses[0].inverse()))
+    };
+    // More than is accepted of a pose that is found, and less than silhouettes as a whole object to.
+    let disagreement = decided(None).disagreement;
+    let decision = decided(Some(disagreement / 1.9));
+    assert!(disagreement > 0.3e-3, "{decision:?}");
+    assert!(disagreement < decision.accepted, "{decision:?}");
+    assert_eq!(decision.verdict, Err(Refusal::Stretch), "{decision:?}");
+}
+
 #[test]
 fn a_piece_that_one_outline_lost_counts_although_its_capture_contradicts_itself_too() {
     let poses = near_poses();
     let whole = [&crooked()[..], &[ball(0.0, -0.03, 0.012, 0.008)]].concat();
     let mut captures = poses.map(|pose| capture(&whole, &pose));
-    let lost = |i: usize| level(&captures[1].0.colors[i].camera, &crooked(), &poses[1]);
-    let missing = |level: &Mask, i: usize| {
-        let before = captures[1].1[i].level.pixels().iter();
-        before.zip(level.pixels()).filter(|(a, b)| a != b).count()
-    };
-    let levels: Vec<Mask> = (0..9).map(lost).collect();
-    let most = (0..9).max_by_key(|&i| missing(&levels[i], i)).unwrap();
-    captures[1].1[most].level = levels[most].clone();
+    lose_in_one_view(&mut captures[1], &crooked(), &poses[1]);
     let decision = decided_of_noisy(&captures);
     let beyond_own = decision.beyond_own.clone().unwrap().0.weight();
     assert!(beyond_own > 70.0, "{decision:?}");
