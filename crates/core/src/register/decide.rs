@@ -49,6 +49,8 @@ pub(super) struct Decision {
     pub(super) stretch: Option<(ContourStretch, bool)>,
     /// The worst one of what they miss beyond what they miss in their own capture.
     pub(super) beyond_own: Option<(ContourStretch, bool)>,
+    /// Whether that one is too long, and no spot shows that the object changed.
+    pub(super) is_stretch_to_blame: bool,
     /// Where outlines of several views disagree at one spot, so that something may have broken off there, or where one
     /// outline seems to lack a piece; whether they are the second's.
     pub(super) changed: Option<(Spot, bool)>,
@@ -433,6 +435,7 @@ impl CapturePair<'_> {
         let weight = spot.as_ref().map_or(0.0, |(spot, _)| spot.weight);
         let pixel = self.pixel();
         let is_maybe_change = limits::is_maybe_change(weight, pixel);
+        let is_change = limits::is_change(weight, pixel);
         let beyond_own = heavier([(of_a.stretch, false), (of_b.stretch, true)]);
         let is_long = limits::is_long(weight_of(beyond_own.as_ref()), pixel);
         let own = [&self.a.own, &self.b.own].map(|own| own.stretch.as_ref());
@@ -440,7 +443,7 @@ impl CapturePair<'_> {
         let longest = weight_of(beyond_own.as_ref()).max(own[0]).max(own[1]);
         let verdict = match verdict {
             Ok(_) if disagreement > self.accept => Err(Refusal::NoPose),
-            Ok(_) if is_long || limits::is_change(weight, pixel) => Err(Refusal::Stretch),
+            Ok(_) if is_long || is_change => Err(Refusal::Stretch),
             verdict => verdict,
         };
         // Where much misses, looking for one outline that explains it is long, and says nothing.
@@ -463,6 +466,7 @@ impl CapturePair<'_> {
             noise: self.noise,
             stretch: if is_long { beyond_own.clone() } else { stretch },
             beyond_own,
+            is_stretch_to_blame: is_long && !is_change,
             changed: lost.or_else(|| spot.filter(|_| is_maybe_change)),
             free_axis: None,
             rivals: Vec::new(),
@@ -486,6 +490,31 @@ impl CapturePair<'_> {
         let turn = (sum(3..6) * scatter).sqrt() / super::align::lever(&self.a.body, &self.b.body);
         let place = (sum(0..3) * scatter).sqrt();
         (turn.to_degrees().min(180.0), place)
+    }
+}
+
+#[cfg(test)]
+impl Decision {
+    /// One that a test makes, with this verdict.
+    pub(super) fn of(verdict: Result<PoseEvidence, Refusal>) -> Self {
+        Self {
+            pose: Isometry3::translation(0.001, 0.0, 0.0),
+            verdict,
+            disagreement: 1e-5,
+            accepted: 1e-3,
+            noise: 1e-5,
+            stretch: None,
+            beyond_own: None,
+            is_stretch_to_blame: false,
+            changed: None,
+            free_axis: None,
+            rivals: Vec::new(),
+            colours: None,
+            depth: None,
+            larger_by: None,
+            is_doubtful: false,
+            uncertainty: (0.1, 1e-5),
+        }
     }
 }
 

@@ -208,8 +208,11 @@ impl Found<'_> {
         into.sigma_mm = 1e3 * decision.uncertainty.1;
         into.disagreement_mm = Some(1e3 * decision.disagreement);
         into.accepted_mm = 1e3 * decision.accepted;
-        let of_spot = decision.changed.clone();
-        let stretch = of_spot.map(|(spot, is_second)| (spot.stretch, is_second));
+        // A spot that only may be a change refuses no pose.
+        let is_refused = decision.verdict == Err(Refusal::Stretch);
+        let changed = decision.changed.as_ref();
+        let of_spot = changed.filter(|_| !(is_refused && decision.is_stretch_to_blame));
+        let stretch = of_spot.map(|(spot, is_second)| (spot.stretch.clone(), *is_second));
         into.may_have_changed = stretch.is_some();
         let stretch = stretch.or_else(|| decision.stretch.clone());
         into.worst_stretch =
@@ -255,6 +258,7 @@ fn nothing_known(refusal: Refusal) -> Registered {
 #[cfg(test)]
 mod tests {
     use super::super::ContourStretch;
+    use super::super::spots::Spot;
     use super::*;
 
     #[test]
@@ -271,5 +275,42 @@ mod tests {
         assert!(!contradicts_itself(&with(0.05e-3, 50.0), pixel));
         assert!(contradicts_itself(&with(0.05e-3, 70.0), pixel));
         assert!(contradicts_itself(&with(0.3e-3, 50.0), pixel));
+    }
+
+    #[test]
+    fn a_refusal_for_a_stretch_names_that_and_no_spot_that_only_may_be_a_change() {
+        let stretch = |camera: usize| ContourStretch {
+            camera,
+            length_px: 50.0,
+            miss_px: 2.0,
+        };
+        let camera_told = |verdict, is_stretch_to_blame| {
+            let spot = Spot {
+                weight: 45.0,
+                stretch: stretch(7),
+            };
+            let decision = Decision {
+                stretch: Some((stretch(4), true)),
+                is_stretch_to_blame,
+                changed: Some((spot, true)),
+                ..Decision::of(verdict)
+            };
+            let compare = |_: usize, _: usize| None::<Decision>;
+            let found = Found {
+                captures: &[None, None],
+                prepared: &[None, None],
+                order: &[],
+                comparisons: &Comparisons::new(&compare, 0),
+                places: &Places::default(),
+            };
+            let mut into = nothing_known(Refusal::NotCompared);
+            found.fill(&mut into, 0, 1, &decision);
+            into.worst_stretch.map(|(_, stretch)| stretch.camera)
+        };
+        let refused = Err(Refusal::Stretch);
+        assert_eq!(camera_told(refused, true), Some(4));
+        assert_eq!(camera_told(refused, false), Some(7));
+        // A person looks at the spot.
+        assert_eq!(camera_told(Ok(PoseEvidence::Given), true), Some(7));
     }
 }

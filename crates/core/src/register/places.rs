@@ -192,26 +192,6 @@ mod tests {
     const NOTHING: Verdict = Ok(PoseEvidence::Nothing);
     const NO: Verdict = Err(Refusal::NoPose);
 
-    fn decision(verdict: Verdict) -> Decision {
-        Decision {
-            pose: Isometry3::translation(0.001, 0.0, 0.0),
-            verdict,
-            disagreement: 1e-5,
-            accepted: 1e-3,
-            noise: 1e-5,
-            stretch: None,
-            beyond_own: None,
-            changed: None,
-            free_axis: None,
-            rivals: Vec::new(),
-            colours: None,
-            depth: None,
-            larger_by: None,
-            is_doubtful: false,
-            uncertainty: (0.1, 1e-5),
-        }
-    }
-
     /// Compares by a table; pairs that it does not have do not agree.
     fn table(
         pairs: &[(usize, usize, Verdict)],
@@ -219,7 +199,7 @@ mod tests {
         let pairs = pairs.to_vec();
         move |a, b| {
             let found = pairs.iter().find(|p| (p.0, p.1) == (a.min(b), a.max(b)));
-            Some(decision(found.map_or(NO, |p| p.2)))
+            Some(Decision::of(found.map_or(NO, |p| p.2)))
         }
     }
 
@@ -261,7 +241,7 @@ mod tests {
             let verdict = if a == 0 { Err(Refusal::Scale) } else { HELD };
             Some(Decision {
                 larger_by,
-                ..decision(verdict)
+                ..Decision::of(verdict)
             })
         };
         let mut comparisons = Comparisons::new(&compare, 3);
@@ -347,7 +327,7 @@ mod tests {
         let count = std::sync::atomic::AtomicUsize::new(0);
         let compare = |_: usize, _: usize| {
             count.fetch_add(1, std::sync::atomic::Ordering::Relaxed);
-            Some(decision(HELD))
+            Some(Decision::of(HELD))
         };
         let mut comparisons = Comparisons::new(&compare, 2);
         comparisons.make(&[(0, 1)]);
@@ -363,7 +343,7 @@ mod tests {
         let count = std::sync::atomic::AtomicUsize::new(0);
         let compare = |_: usize, _: usize| {
             count.fetch_add(1, std::sync::atomic::Ordering::Relaxed);
-            Some(decision(NO))
+            Some(Decision::of(NO))
         };
         let order: Vec<usize> = (0..24).collect();
         let mut comparisons = Comparisons::new(&compare, order.len());
