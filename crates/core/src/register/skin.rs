@@ -4,9 +4,9 @@
 
 use super::CaptureSilhouettes;
 use super::body::Body;
-use crate::calibration::Camera;
-use crate::image::{RgbImage, srgb};
+use crate::image::{Mask, RgbImage, srgb};
 use crate::mesh::rasterize;
+use crate::reconstruct::ColorView;
 use nalgebra::{Isometry3, Point3, Vector3};
 use rayon::prelude::*;
 
@@ -72,11 +72,9 @@ const LEAST_POINTS: usize = 100;
 impl Skin {
     /// The colours of a capture on its hull.
     pub(super) fn new(capture: &CaptureSilhouettes, body: &Body) -> Self {
-        let samples: Vec<Vec<Sample>> = capture
-            .scene
-            .colors
-            .par_iter()
-            .map(|view| seen(&view.camera, &view.image, body))
+        let views = capture.scene.colors.par_iter().zip(capture.silhouettes);
+        let samples: Vec<Vec<Sample>> = views
+            .map(|(view, silhouette)| seen(view, silhouette.unknown.as_ref(), body))
             .collect();
         let mut points = Vec::new();
         let mut disagreement = Vec::new();
@@ -226,8 +224,10 @@ fn brightness(color: Vector3<f64>) -> f64 {
     color.mean().max(DARKEST).ln()
 }
 
-/// For each vertex the weight and the linear colour that a camera gives it; `None` where it does not see it.
-fn seen(camera: &Camera, image: &RgbImage, body: &Body) -> Vec<Sample> {
+/// For each vertex the weight and the linear colour that a camera gives it; `None` where it does not see it, or where
+/// its picture is `unknown`: a prop that stands still there would have the same colours at every turn of the object.
+fn seen(view: &ColorView, unknown: Option<&Mask>, body: &Body) -> Vec<Sample> {
+    let (camera, image) = (&view.camera, &view.image);
     let vertices = &body.mesh.vertices;
     let projected: Vec<[f32; 3]> = vertices
         .iter()
@@ -249,7 +249,10 @@ fn seen(camera: &Camera, image: &RgbImage, body: &Body) -> Vec<Sample> {
         let [x, y, z] = projected[v];
         let inside = (2.0..image.width() as f32 - 3.0).contains(&x)
             && (2.0..image.height() as f32 - 3.0).contains(&y);
-        if facing <= FACING || !inside {
+        let at = (x.round() as isize, y.round() as isize);
+        let level = unknown.and_then(|unknown| unknown.get(at.0, at.1));
+        let is_unknown = level.is_some_and(|&level| level >= 128);
+        if facing <= FACING || !inside || is_unknown {
             return None;
         }
         let [sx, sy, _] = small[v];

@@ -4,6 +4,7 @@ use super::body::{Body, doubt};
 use super::decide::{Decision, decide};
 use super::depth::{Depths, contradiction};
 use super::group::prepare;
+use super::skin::{Skin, agreement};
 use super::spots::AgainstBoth;
 use super::touch::{Target, touch};
 use super::*;
@@ -899,6 +900,30 @@ fn what_no_camera_faced_lies_underneath_until_the_body_is_turned_over() {
     assert!(one.share > 0.02 && one.towards.z < -0.5, "{one:?}");
     let both = registered(&captures).unseen;
     assert!(both.share < 0.7 * one.share, "{both:?} {one:?}");
+}
+
+#[test]
+fn colours_where_an_outline_says_nothing_are_not_taken_for_the_objects() {
+    let poses = near_poses();
+    let captures = twice(&round(), &poses, stripes);
+    let compared = |is_ignored: bool| {
+        let [a, b] = captures.each_ref().map(|captured| {
+            let body = body_of(captured);
+            let (scene, mut silhouettes) = captured.clone();
+            for silhouette in &mut silhouettes {
+                let unknown = Mask::filled(SIZE.0, SIZE.1, 255);
+                silhouette.unknown = is_ignored.then_some(unknown);
+            }
+            let ignoring = CaptureSilhouettes {
+                scene: &scene,
+                silhouettes: &silhouettes,
+            };
+            Skin::new(&ignoring, &body)
+        });
+        agreement(&a, &b, &(poses[1] * poses[0].inverse()), 1500).points
+    };
+    assert!(compared(false) > 100);
+    assert_eq!(compared(true), 0);
 }
 
 #[test]
