@@ -22,8 +22,8 @@ impl CaptureSession {
     /// it has to show the same capture, the same cameras and the same warnings.
     ///
     /// # Errors
-    /// If the capture cannot be reconstructed, the recording is damaged, the new one cannot be written, or it would not
-    /// say the same as this one.
+    /// If the capture cannot be reconstructed or lacks a camera, the recording is damaged, the new one cannot be
+    /// written, or it would not say the same as this one.
     pub fn extract(
         &self,
         id: &CaptureId,
@@ -38,6 +38,13 @@ impl CaptureSession {
         };
         if !self.damage().is_empty() {
             return Err(alone("the recording is damaged"));
+        }
+        // The words on what it lacks depend on the frames and triggers around it.
+        let lacking = self.planned(id)?.capture.reason();
+        if !lacking.is_empty() {
+            return Err(alone(&format!(
+                "a recording of its own would not tell that it lacks a camera: {lacking}"
+            )));
         }
         let chosen = self.messages_of(id)?;
         let content_sha256 = self.recording().extract(&chosen, to, program)?;

@@ -575,4 +575,19 @@ fn a_capture_in_a_recording_of_its_own_is_the_same_scene_and_the_same_facts() {
     }
     let failed = small("b", "b.mcap").unwrap_err().to_string();
     assert!(failed.contains("capture b failed"), "{failed}");
+    // Where it goes on without its depth camera, it is told why it cannot travel, and nothing is written.
+    let without_missing = sync::Parameters {
+        go_on_without_missing: true,
+        ..parameters
+    };
+    let session = CaptureSession::open(&place.path, &without_missing).unwrap();
+    let (id, path) = (CaptureId::new("b").unwrap(), place.path.with_file_name("d"));
+    assert!(session.load(&id).is_ok());
+    let lacking = session.extract(&id, &path, "scand test", &without_missing);
+    let lacking = lacking.unwrap_err().to_string();
+    assert!(
+        lacking.contains("lacks a camera: depth camera kinect gave 4 frames"),
+        "{lacking}"
+    );
+    assert!(!path.exists());
 }
