@@ -43,8 +43,6 @@ pub(super) struct Decision {
     pub(super) disagreement: f64,
     /// By how much they may, in metres.
     pub(super) accepted: f64,
-    /// The worse of the two captures' own noise.
-    pub(super) noise: f64,
     /// Worst stretch among both captures' contours; whether it is the second's.
     pub(super) stretch: Option<(ContourStretch, bool)>,
     /// The worst one of what they miss beyond what they miss in their own capture.
@@ -441,6 +439,7 @@ impl CapturePair<'_> {
         let own = [&self.a.own, &self.b.own].map(|own| own.stretch.as_ref());
         let own = own.map(|stretch| stretch.map_or(0.0, ContourStretch::weight));
         let longest = weight_of(beyond_own.as_ref()).max(own[0]).max(own[1]);
+        let is_clear = limits::is_green(disagreement, self.noise, pixel);
         let verdict = match verdict {
             Ok(_) if disagreement > self.accept => Err(Refusal::NoPose),
             Ok(_) if is_long || is_change => Err(Refusal::Stretch),
@@ -463,7 +462,6 @@ impl CapturePair<'_> {
             verdict,
             disagreement,
             accepted: self.accept,
-            noise: self.noise,
             stretch: if is_long { beyond_own.clone() } else { stretch },
             beyond_own,
             is_stretch_to_blame: is_long && !is_change,
@@ -473,7 +471,10 @@ impl CapturePair<'_> {
             colours: None,
             depth: None,
             larger_by: None,
-            is_doubtful: is_maybe_change || is_maybe_lost || limits::is_doubtful(longest, pixel),
+            is_doubtful: !is_clear
+                || is_maybe_change
+                || is_maybe_lost
+                || limits::is_doubtful(longest, pixel),
         }
     }
 
@@ -502,7 +503,6 @@ impl Decision {
             verdict,
             disagreement: 1e-5,
             accepted: 1e-3,
-            noise: 1e-5,
             stretch: None,
             beyond_own: None,
             is_stretch_to_blame: false,

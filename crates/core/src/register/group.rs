@@ -169,7 +169,7 @@ impl Found<'_> {
         } else {
             let placed: Vec<usize> = self.places.placed.iter().map(|p| p.index).collect();
             if let Some((against, decision)) = self.comparisons.refusal(index, &placed) {
-                self.fill(&mut registered, against, index, &decision);
+                fill(&mut registered, against, index, &decision);
             }
         }
         registered
@@ -188,7 +188,7 @@ impl Found<'_> {
             (into.sigma_deg, into.sigma_mm) = (0.0, 0.0);
             return;
         };
-        self.fill(into, *against, placed.index, decision);
+        fill(into, *against, placed.index, decision);
         let axis = decision.free_axis;
         into.free_axis = axis.map(|a| placed.rig_from_object.rotation.inverse() * a);
         into.level = into.level.max(at_once);
@@ -198,37 +198,34 @@ impl Found<'_> {
             into.turns_with = (leader != placed.index).then_some(leader);
         }
     }
+}
 
-    fn fill(&self, into: &mut Registered, against: usize, index: usize, decision: &Decision) {
-        let prepared = self.prepared[index].as_ref();
-        let pixel = prepared.map_or(0.0, |p| p.body.pixel);
-        into.against = Some(against);
-        into.verdict = decision.verdict;
-        into.sigma_deg = decision.uncertainty.0;
-        into.sigma_mm = 1e3 * decision.uncertainty.1;
-        into.disagreement_mm = Some(1e3 * decision.disagreement);
-        into.accepted_mm = 1e3 * decision.accepted;
-        // A spot that only may be a change refuses no pose.
-        let is_refused = decision.verdict == Err(Refusal::Stretch);
-        let changed = decision.changed.as_ref();
-        let of_spot = changed.filter(|_| !(is_refused && decision.is_stretch_to_blame));
-        let stretch = of_spot.map(|(spot, is_second)| (spot.stretch.clone(), *is_second));
-        into.may_have_changed = stretch.is_some();
-        let stretch = stretch.or_else(|| decision.stretch.clone());
-        into.worst_stretch =
-            stretch.map(|(s, is_second)| (if is_second { index } else { against }, s));
-        into.larger_by = decision.larger_by;
-        into.depth = decision.depth;
-        into.colours = decision.colours;
-        into.rivals.clone_from(&decision.rivals);
-        let is_clear = limits::is_green(decision.disagreement, decision.noise, pixel);
-        into.level = match decision.verdict {
-            Err(_) => Level::Red,
-            Ok(PoseEvidence::Nothing | PoseEvidence::Depth) => Level::Amber,
-            Ok(_) if is_clear && !decision.is_doubtful => Level::Green,
-            Ok(_) => Level::Amber,
-        };
-    }
+/// States what was found of a capture against another one.
+fn fill(into: &mut Registered, against: usize, index: usize, decision: &Decision) {
+    into.against = Some(against);
+    into.verdict = decision.verdict;
+    into.sigma_deg = decision.uncertainty.0;
+    into.sigma_mm = 1e3 * decision.uncertainty.1;
+    into.disagreement_mm = Some(1e3 * decision.disagreement);
+    into.accepted_mm = 1e3 * decision.accepted;
+    // A spot that only may be a change refuses no pose.
+    let is_refused = decision.verdict == Err(Refusal::Stretch);
+    let changed = decision.changed.as_ref();
+    let of_spot = changed.filter(|_| !(is_refused && decision.is_stretch_to_blame));
+    let stretch = of_spot.map(|(spot, is_second)| (spot.stretch.clone(), *is_second));
+    into.may_have_changed = stretch.is_some();
+    let stretch = stretch.or_else(|| decision.stretch.clone());
+    into.worst_stretch = stretch.map(|(s, is_second)| (if is_second { index } else { against }, s));
+    into.larger_by = decision.larger_by;
+    into.depth = decision.depth;
+    into.colours = decision.colours;
+    into.rivals.clone_from(&decision.rivals);
+    into.level = match decision.verdict {
+        Err(_) => Level::Red,
+        Ok(PoseEvidence::Nothing | PoseEvidence::Depth) => Level::Amber,
+        Ok(_) if decision.is_doubtful => Level::Amber,
+        Ok(_) => Level::Green,
+    };
 }
 
 /// A capture of which nothing is known but why it has no pose.
@@ -295,16 +292,8 @@ mod tests {
                 changed: Some((spot, true)),
                 ..Decision::of(verdict)
             };
-            let compare = |_: usize, _: usize| None::<Decision>;
-            let found = Found {
-                captures: &[None, None],
-                prepared: &[None, None],
-                order: &[],
-                comparisons: &Comparisons::new(&compare, 0),
-                places: &Places::default(),
-            };
             let mut into = nothing_known(Refusal::NotCompared);
-            found.fill(&mut into, 0, 1, &decision);
+            fill(&mut into, 0, 1, &decision);
             into.worst_stretch.map(|(_, stretch)| stretch.camera)
         };
         let refused = Err(Refusal::Stretch);

@@ -430,6 +430,26 @@ fn a_knob_that_broke_off_is_seen_at_one_spot_and_one_wrong_outline_shows_no_chan
 }
 
 #[test]
+fn outlines_are_as_clear_as_the_coarser_of_two_captures_can_show() {
+    let poses = [pose([0.0, 0.0, 1.0], 0.3), pose([1.0, 0.3, 0.2], 2.6)];
+    let captures = poses.map(|p| capture(&crooked(), &p));
+    let decided = |pixel_of_second: Option<f64>| {
+        let [mut a, mut b] = captures.each_ref().map(|(scene, silhouettes)| {
+            prepare(&CaptureSilhouettes { scene, silhouettes }).unwrap()
+        });
+        (a.own.rms, b.own.rms) = (0.0, 0.0);
+        b.body.pixel = pixel_of_second.unwrap_or(b.body.pixel);
+        decide(&a, &b, Some(poses[1] * poses[0].inverse()))
+    };
+    // What is too much for the second one's pixels alone.
+    let disagreement = decided(None).disagreement;
+    let pixel = disagreement / 0.11;
+    assert!(!limits::is_green(disagreement, 0.0, pixel));
+    let decision = decided(Some(pixel));
+    assert!(!decision.is_doubtful, "{decision:?}");
+}
+
+#[test]
 fn captures_whose_calibrations_differ_in_scale_are_not_fused_and_say_so() {
     let poses = [pose([0.0, 0.0, 1.0], 0.3), pose([1.0, 0.3, 0.2], 2.6)];
     let mut captures = poses.map(|p| capture(&crooked(), &p));
