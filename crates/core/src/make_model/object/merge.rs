@@ -141,12 +141,9 @@ impl Merged {
                 l.camera = renamed(&l.camera);
                 l
             }));
-        for warning in facts.warnings {
-            if !into.warnings.contains(&warning) {
-                into.warnings.push(warning);
-            }
-        }
-        into.damage.extend(facts.damage);
+        // Each capture of a recording tells all that is known of the recording.
+        extend_by_new(&mut into.warnings, facts.warnings);
+        extend_by_new(&mut into.damage, facts.damage);
         // A fused model is no better than the worst calibration of its captures.
         let is_worse = match (&into.calibration, &facts.calibration) {
             (_, None) => false,
@@ -155,6 +152,15 @@ impl Merged {
         };
         if is_worse {
             into.calibration = facts.calibration;
+        }
+    }
+}
+
+/// Adds what is not there yet.
+fn extend_by_new<T: PartialEq>(known: &mut Vec<T>, more: Vec<T>) {
+    for one in more {
+        if !known.contains(&one) {
+            known.push(one);
         }
     }
 }
@@ -232,6 +238,7 @@ mod tests {
     use crate::frame::{CaptureId, Timestamp};
     use crate::image::{Mask, RgbImage};
     use crate::reconstruct::SilhouetteSource;
+    use crate::recording::Damage;
     use nalgebra::Vector2;
 
     /// A capture of one colour camera and one depth camera, whose table lies 10 mm below the rig's origin.
@@ -258,7 +265,11 @@ mod tests {
             calibration,
             left_out: Vec::new(),
             warnings: vec!["the lens is dusty".into()],
-            damage: Vec::new(),
+            damage: vec![Damage {
+                offset: 9,
+                length: 3,
+                what: "the CRC is wrong".into(),
+            }],
         };
         let color = ColorView {
             camera: camera("left", -0.5),
@@ -328,6 +339,7 @@ mod tests {
         assert_eq!(standing.ranks, [0, 1, 0, 1]);
         // What is said of both is said once.
         assert_eq!(merged.facts.warnings, ["the lens is dusty"]);
+        assert_eq!(merged.facts.damage.len(), 1);
         assert!(merge(vec![(place(0, 0), loaded("a", None))], 1).is_none());
     }
 
