@@ -18,14 +18,14 @@ const LOOSE_DEG: f64 = 5.0;
 const ANCHORS: usize = 12;
 /// So many of them may be off for the noise of silhouettes.
 const FEW_ANCHORS: usize = 2;
-/// Directions that are made to slip, the softest first.
-const DIRECTIONS: usize = 2;
 
 /// How firmly the silhouettes determine a pose.
 #[derive(Clone, Debug)]
 pub(super) struct Determination {
-    /// For each of the softest directions the most degrees of slip that the silhouettes do not object to.
-    pub(super) free_deg: [f64; DIRECTIONS],
+    /// The most degrees of slip in the softest direction that the silhouettes do not object to on either side …
+    free_deg: f64,
+    /// … or on one: a pose need not lie in the middle of what they bear.
+    pub(super) slack_deg: f64,
     /// The softest direction, with turns multiplied by the lever.
     pub(super) softest: Twist,
 }
@@ -33,35 +33,38 @@ pub(super) struct Determination {
 impl Determination {
     /// Makes a pose slip. Up to `limit` metres of disagreement are no objection.
     pub(super) fn of(a: &Body, b: &Body, aligned: &Aligned, limit: f64) -> Self {
-        let directions = aligned.softest();
-        let mut free_deg = [0.0; DIRECTIONS];
-        for (free, (direction, _)) in free_deg.iter_mut().zip(&directions) {
-            for degrees in SLIPS_DEG {
-                let slipped = [1.0, -1.0].map(|sign| {
-                    let pose =
-                        moved_along(a, b, &aligned.pose, direction, sign * degrees.to_radians());
-                    align(a, b, pose, Rays::SOME, Some(direction)).disagreement
-                });
-                if slipped[0].max(slipped[1]) >= limit {
-                    break;
-                }
-                *free = degrees;
+        let softest = aligned.softest()[0].0;
+        let (mut free_deg, mut slack_deg, mut is_free) = (0.0, 0.0, true);
+        for degrees in SLIPS_DEG {
+            let slipped = [1.0, -1.0].map(|sign| {
+                let radians = sign * degrees.to_radians();
+                let pose = moved_along(a, b, &aligned.pose, &softest, radians);
+                align(a, b, pose, Rays::SOME, Some(&softest)).disagreement
+            });
+            if slipped[0].min(slipped[1]) >= limit {
+                break;
+            }
+            slack_deg = degrees;
+            is_free &= slipped[0].max(slipped[1]) < limit;
+            if is_free {
+                free_deg = degrees;
             }
         }
         Self {
             free_deg,
-            softest: directions[0].0,
+            slack_deg,
+            softest,
         }
     }
 
     /// Whether a turn is free, and nothing else is.
     pub(super) fn is_free(&self) -> bool {
-        self.free_deg[0] >= UNDETERMINED_DEG
+        self.free_deg >= UNDETERMINED_DEG
     }
 
     /// Whether the silhouettes hold a turn, but not to the few degrees that a pose must be known to.
     pub(super) fn is_loose(&self) -> bool {
-        self.free_deg[0] >= LOOSE_DEG
+        self.slack_deg >= LOOSE_DEG
     }
 
     /// Poses a degree apart, up to `side` degrees from one in the softest direction, where the silhouettes do not
@@ -234,15 +237,18 @@ mod tests {
 
     #[test]
     fn a_slip_of_five_degrees_is_loose_and_one_of_ten_is_free() {
-        let of = |degrees: f64| {
+        let of = |free_deg: f64, slack_deg: f64| {
             let determination = Determination {
-                free_deg: [degrees, 0.0],
+                free_deg,
+                slack_deg,
                 softest: Twist::zeros(),
             };
             (determination.is_loose(), determination.is_free())
         };
-        assert_eq!(of(0.0), (false, false));
-        assert_eq!(of(5.0), (true, false));
-        assert_eq!(of(10.0), (true, true));
+        assert_eq!(of(0.0, 0.0), (false, false));
+        assert_eq!(of(5.0, 5.0), (true, false));
+        assert_eq!(of(10.0, 10.0), (true, true));
+        // To one side.
+        assert_eq!(of(0.0, 10.0), (true, false));
     }
 }

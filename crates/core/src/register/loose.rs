@@ -38,7 +38,7 @@ impl CapturePair<'_> {
         let mut decision = self.unique(stated);
         decision.is_doubtful = true;
         // Any of these poses may be the right one.
-        let widest = determination.free_deg[0] / 3.0_f64.sqrt();
+        let widest = determination.slack_deg / 3.0_f64.sqrt();
         decision.uncertainty.0 = decision.uncertainty.0.max(widest);
         decision
     }

@@ -1,8 +1,10 @@
 //! Tests the registration of bodies made of balls, whose outlines are known exactly, seen by a ring of small cameras.
 
+use super::align::{Rays, align};
 use super::body::{Body, doubt};
 use super::decide::{Decision, decide};
 use super::depth::{Depths, contradiction};
+use super::determination::Determination;
 use super::group::prepare;
 use super::skin::{Skin, agreement};
 use super::spots::AgainstBoth;
@@ -813,6 +815,28 @@ fn a_given_turn_that_outlines_leave_open_is_told_and_checked_by_colours() {
 
 fn body_of((scene, silhouettes): &(Scene, Vec<Silhouette>)) -> Body {
     Body::new(&CaptureSilhouettes { scene, silhouettes }).unwrap()
+}
+
+#[test]
+fn a_turn_that_has_room_to_one_side_alone_is_held_loosely() {
+    let poses = near_poses();
+    let knobbed = [&round()[..], &[ball(0.03, 0.0, 0.005, 0.008)]].concat();
+    let [a, b] = poses.each_ref().map(|p| body_of(&capture(&knobbed, p)));
+    let turned = |degrees: f64| {
+        let pose = poses[1] * turn(degrees) * poses[0].inverse();
+        let still = Rays {
+            rounds: 0,
+            ..Rays::MANY
+        };
+        align(&a, &b, pose, still, None)
+    };
+    // Let the silhouettes bear eight degrees to either side.
+    let softest = turned(0.0).softest()[0].0;
+    let limit = align(&a, &b, turned(8.0).pose, Rays::SOME, Some(&softest)).disagreement;
+    for degrees in [0.0, 7.0, -7.0] {
+        let held = Determination::of(&a, &b, &turned(degrees), limit);
+        assert!(held.is_loose() && !held.is_free(), "{degrees}: {held:?}");
+    }
 }
 
 #[test]
