@@ -142,7 +142,8 @@ impl Daemon {
     }
 
     /// Takes a capture and waits until it is on the disk. A connection that breaks is made again under the same
-    /// `press_id`, so that it stays one press; one that is not accepted within two seconds is given up.
+    /// `press_id`, so that it stays one press; one that is not accepted within two seconds, in which it may have waited
+    /// for a connection, is given up.
     ///
     /// # Errors
     /// [`Error::Unsure`] if the press was sent and its outcome is not known; otherwise nothing was begun.
@@ -152,6 +153,7 @@ impl Daemon {
         subject: Option<String>,
         placement: Option<String>,
     ) -> Result<Reply, Error> {
+        let begin = Instant::now();
         let _slot = self.slot().await?;
         let request = Request::Trigger {
             source: "page".into(),
@@ -160,7 +162,6 @@ impl Daemon {
             placement,
             until: Until::Durable,
         };
-        let begin = Instant::now();
         let mut progress = Progress::Unsent;
         loop {
             let attempt = self.attempt(&request, begin, &mut progress).await;
@@ -228,6 +229,8 @@ fn left(begin: Instant, progress: Progress) -> Duration {
 mod tests {
     use super::*;
     use std::io::{BufRead, Write};
+    use std::sync::Arc;
+    use std::sync::atomic::{AtomicUsize, Ordering};
 
     /// A daemon that answers requests for its status, and a press with these lines alone.
     fn serve(path: &Path, lines: &'static str) {
@@ -248,12 +251,36 @@ mod tests {
         });
     }
 
+    /// A daemon that answers requests for its status, and ends each connection over which a press comes; how many came.
+    fn serve_breaking(path: &Path) -> Arc<AtomicUsize> {
+        let listener = std::os::unix::net::UnixListener::bind(path).unwrap();
+        let presses = Arc::new(AtomicUsize::new(0));
+        let counted = presses.clone();
+        std::thread::spawn(move || {
+            for mut stream in listener.incoming().map_while(Result::ok) {
+                let asked = std::io::BufReader::new(stream.try_clone().unwrap()).lines();
+                for line in asked.map_while(Result::ok) {
+                    if line.contains("trigger") {
+                        counted.fetch_add(1, Ordering::SeqCst);
+                        break;
+                    }
+                    let _ = stream.write_all(b"{\"type\":\"status\",\"status\":{}}\n");
+                }
+            }
+        });
+        presses
+    }
+
+    fn runtime() -> tokio::runtime::Runtime {
+        let mut builder = tokio::runtime::Builder::new_current_thread();
+        builder.enable_all().build().unwrap()
+    }
+
     fn press(lines: &'static str) -> Result<Reply, Error> {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("scand.sock");
         serve(&path, lines);
-        let runtime = tokio::runtime::Builder::new_current_thread();
-        let runtime = { runtime }.enable_all().build().unwrap();
+        let runtime = runtime();
         let daemon = Daemon::new(&path);
         let pressed =
             async { timeout(Duration::from_secs(30), daemon.press("p", None, None)).await };
@@ -265,5 +292,25 @@ mod tests {
         assert!(matches!(press(""), Err(Error::Unsure)));
         let busy = press("{\"type\":\"busy\"}\n");
         assert!(matches!(busy, Ok(Reply::Busy)));
+    }
+
+    #[test]
+    fn a_press_that_waited_for_a_connection_is_asked_for_less_often() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("scand.sock");
+        let presses = serve_breaking(&path);
+        let daemon = Daemon::new(&path);
+        runtime().block_on(async {
+            let all = daemon.slots.acquire_many(REQUESTS as u32).await.unwrap();
+            let wait = async {
+                tokio::time::sleep(BEGIN / 2).await;
+                drop(all);
+            };
+            let (pressed, ()) = tokio::join!(daemon.press("p", None, None), wait);
+            assert!(matches!(pressed, Err(Error::Unsure)), "{pressed:?}");
+        });
+        // In one of the two seconds; in both it would be twice as many.
+        let at_most = (BEGIN.as_millis() / 2 / PAUSE.as_millis()) as usize + 1;
+        assert!((1..=at_most).contains(&presses.load(Ordering::SeqCst)));
     }
 }

@@ -27,6 +27,22 @@ fn a_press_of_an_operator_is_one_and_tells_no_path() {
 }
 
 #[test]
+fn a_press_by_the_clock_of_an_earlier_process_begins_nothing() {
+    let page = Page::start();
+    let own = page.own(&page.session(Role::Operator));
+    let press = |pressed_ms: u64| {
+        let body = format!(r#"{{"press_id":"page-0001","pressed_ms":{pressed_ms}}}"#);
+        page.post("/api/press", &own, &body)
+    };
+    let late = press(page.app.clock_ms() + 60_000);
+    assert_eq!(late.status, 409);
+    assert!(late.body.contains(r#""code":"late""#), "{}", late.body);
+    assert_eq!(page.daemon.asked(), 0);
+    assert_eq!(press(page.app.clock_ms()).status, 200);
+    assert_eq!(page.daemon.presses.load(Ordering::SeqCst), 1);
+}
+
+#[test]
 fn nobody_else_presses() {
     let page = Page::start();
     let operator = page.session(Role::Operator);
@@ -137,6 +153,8 @@ fn bodies_that_make_no_sense_are_refused() {
         r#"{"press_id":"../../etc"}"#,
         r#"{"press_id":7}"#,
         r#"{"press_id":"page-0001","until":"done"}"#,
+        r#"{"press_id":"page-0001","pressed_ms":-1}"#,
+        r#"{"press_id":"page-0001","pressed_ms":0.5}"#,
         r#"{"press_id":"page-0001","source":"pedal"}"#,
         r#"{"press_id":"page-0001","subject":"a\nb"}"#,
         r#"{"press_id":"page-0001","subject":"a\u0000b"}"#,
@@ -570,7 +588,9 @@ fn a_session_that_is_revoked_sees_no_more() {
     );
     stream.write_all(text.as_bytes()).unwrap();
     let mut lines = BufReader::new(stream).lines();
-    assert!(lines.any(|line| line.unwrap().starts_with("data: {")));
+    // With the clock by which a browser tells when somebody pressed.
+    let is_event = |line: &str| line.starts_with("data: {") && line.contains(r#""clock_ms":"#);
+    assert!(lines.any(|line| is_event(&line.unwrap())));
     page.app.sessions.revoke(None).unwrap();
     // The stream ends.
     assert!(lines.map_while(Result::ok).count() < 100);

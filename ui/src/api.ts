@@ -47,6 +47,8 @@ export interface Now {
   object: ObjectTold | null;
   remade: Remade | null;
   history: number;
+  /** Milliseconds since the page's process began. */
+  clock_ms?: number;
 }
 
 /** What the daemon told of an object of which there are several captures. */
@@ -197,6 +199,7 @@ export class Refused extends Error {
     if (this.code === "away") return t("error_away");
     if (this.code === "unsure") return t("error_unsure");
     if (this.code === "full") return t("error_full");
+    if (this.code === "late") return t("error_late");
     if (this.code === "viewer") return t("error_viewer");
     if (this.code === "network") return t("error_network");
     return t("error_other", { reason: said(this.reason) });
@@ -362,6 +365,7 @@ export async function remake(capture: string, settings: Record<string, number | 
   return (await post("/api/remake", { capture, settings })) as Answer;
 }
 
-export async function sendPress(press_id: string, subject: string, placement: string): Promise<Answer> {
-  return (await post("/api/press", { press_id, subject, placement })) as Answer;
+/** Presses; `pressed_ms` is when somebody did, by the clock of the page's process, and is not sent if it is not known. */
+export async function sendPress(press_id: string, subject: string, placement: string, pressed_ms: number | null): Promise<Answer> {
+  return (await post("/api/press", { press_id, subject, placement, pressed_ms: pressed_ms ?? undefined })) as Answer;
 }

@@ -32,6 +32,13 @@ export class Live extends EventTarget {
     return this.passed() < STALE_MS ? (this.heard?.now ?? null) : null;
   }
 
+  /** The time by the clock of the process, in milliseconds, or null if that is not known. */
+  clock(): number | null {
+    const told = this.now()?.clock_ms;
+    if (!this.heard || told === undefined) return null;
+    return Math.round(told + performance.now() - this.heard.monotonic);
+  }
+
   /** Milliseconds since the last word of the process. */
   passed(): number {
     if (!this.heard) return Infinity;

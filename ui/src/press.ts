@@ -1,6 +1,8 @@
 // A press: its id is made before it is sent, so that however often it is sent, it is one press. It is sent again for ten
-// seconds while the connection is broken; after that the person decides, for hands may be in the picture again.
+// seconds while the connection is broken; after that the person decides, for hands may be in the picture again. With it goes
+// when it was, so that the page's process takes none that was on its way for longer.
 import { type Answer, Refused, sendPress } from "./api";
+import { live } from "./live";
 
 const STORED = "scand-press";
 const AGAIN_MS = 10_000;
@@ -11,6 +13,8 @@ interface Pending {
   subject: string;
   placement: string;
   at: number;
+  /** When somebody pressed, by the clock of the page's process; null if that is not known. */
+  pressed_ms: number | null;
 }
 
 let running: Promise<Answer> | null = null;
@@ -22,8 +26,8 @@ function newId(): string {
 
 /** Presses; while one press is under way, a further tap is the same press. */
 export function press(subject: string, placement: string): Promise<Answer> {
-  const pending = { id: newId(), subject, placement, at: Date.now() };
-  return running ?? begin(pending);
+  const pending = { id: newId(), subject, placement, at: Date.now(), pressed_ms: live.clock() };
+  return running ?? begin(pending, false);
 }
 
 /** The press that a reload of the page cut short, if that was a moment ago. */
@@ -33,7 +37,7 @@ export function resume(): Promise<Answer> | null {
   try {
     const pending = JSON.parse(stored) as Pending;
     const passed = Date.now() - pending.at;
-    if (passed >= 0 && passed < AGAIN_MS) return begin(pending);
+    if (passed >= 0 && passed < AGAIN_MS) return begin(pending, true);
   } catch {
     // Not one of ours.
   }
@@ -41,24 +45,32 @@ export function resume(): Promise<Answer> | null {
   return null;
 }
 
-function begin(pending: Pending): Promise<Answer> {
+function begin(pending: Pending, isAgain: boolean): Promise<Answer> {
   sessionStorage.setItem(STORED, JSON.stringify(pending));
-  running = send(pending).finally(() => {
+  running = send(pending, isAgain).finally(() => {
     running = null;
     sessionStorage.removeItem(STORED);
   });
   return running;
 }
 
-async function send({ id, subject, placement }: Pending): Promise<Answer> {
+/** Sends a press; `isAgain` if it was sent before. */
+async function send({ id, subject, placement, pressed_ms }: Pending, isAgain: boolean): Promise<Answer> {
   const begun = performance.now();
   for (;;) {
     try {
-      return await sendPress(id, subject, placement);
+      return await sendPress(id, subject, placement, pressed_ms);
     } catch (error) {
       const isOver = performance.now() - begun > AGAIN_MS;
-      if (!(error instanceof Refused) || error.code !== "network" || isOver) throw error;
+      if (!(error instanceof Refused) || error.code !== "network" || isOver) throw isAgain ? unsure(error) : error;
     }
+    isAgain = true;
     await new Promise((resolve) => setTimeout(resolve, PAUSE_MS));
   }
+}
+
+/** Why a press that was sent before failed: if it is late now, it may have been taken all the same. */
+function unsure(error: unknown): unknown {
+  if (!(error instanceof Refused) || error.code !== "late") return error;
+  return new Refused("network", error.reason, error.status);
 }

@@ -165,6 +165,20 @@ test("a page that is loaded again before the answer to its press came asks for t
   expect(await page.evaluate(() => sessionStorage.getItem("scand-press"))).toBe(null);
 });
 
+test("a press that comes more than ten seconds late takes no capture, and the page says so", async ({ page, rig, expected }) => {
+  expected.push("409");
+  await enter(page, rig);
+  const before = taken(rig);
+  await page.route("**/api/press", (route) => {
+    const asked = route.request().postDataJSON();
+    // As if the process had begun anew meanwhile.
+    route.continue({ postData: JSON.stringify({ ...asked, pressed_ms: asked.pressed_ms + 60_000 }) });
+  });
+  await page.getByRole("button", { name: "Press", exact: true }).click();
+  await expect(page.locator(".do > .told")).toContainText("more than ten seconds late");
+  expect(taken(rig)).toBe(before);
+});
+
 test("what is typed about a capture goes to that capture, whatever is pressed meanwhile", async ({ page, rig }) => {
   await rig.prepare();
   await enter(page, rig);

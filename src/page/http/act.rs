@@ -24,6 +24,10 @@ use std::time::Duration;
 const LONGEST_NAME: usize = 100;
 /// Longest note in characters.
 const LONGEST_NOTE: usize = 500;
+/// How long before its arrival somebody may have pressed, in milliseconds: later, hands are in the picture again.
+const LATEST_MS: u64 = 10_000;
+/// How far after it, in milliseconds: a browser's clock runs a little faster than this one.
+const AHEAD_MS: u64 = 1000;
 /// What a session may say of itself.
 const ABOUT: [&str; 4] = ["operator", "project", "title", "rights"];
 
@@ -99,6 +103,21 @@ struct PressBody {
     subject: Option<String>,
     #[serde(default)]
     placement: Option<String>,
+    /// When somebody pressed, by [`App::clock_ms`].
+    #[serde(default)]
+    pressed_ms: Option<u64>,
+}
+
+/// Whether a press that arrives now is none any more, or is by the clock of an earlier process.
+fn is_late(pressed_ms: u64, now_ms: u64) -> bool {
+    let pressed = now_ms.saturating_sub(LATEST_MS)..=now_ms.saturating_add(AHEAD_MS);
+    !pressed.contains(&pressed_ms)
+}
+
+fn late() -> Refusal {
+    let words = "the press arrived more than ten seconds late and began nothing: look whether there is a new capture \
+         before you press again";
+    Refusal::new(StatusCode::CONFLICT, "late", words)
 }
 
 /// Takes a capture; answered when it is on the disk.
@@ -117,6 +136,11 @@ pub(super) async fn press(State(app): State<Arc<App>>, request: HttpRequest) -> 
         };
         let subject = named("subject", asked.subject)?;
         let placement = named("placement", asked.placement)?;
+        let now_ms = app.clock_ms();
+        let pressed = asked.pressed_ms;
+        if pressed.is_some_and(|pressed_ms| is_late(pressed_ms, now_ms)) {
+            return Err(late());
+        }
         let reply = app.daemon.press(&asked.press_id, subject, placement);
         told(reply.await)
     };
@@ -265,4 +289,28 @@ fn told(reply: Result<Reply, daemon::Error>) -> Result<Response, Refusal> {
         members.retain(|key, _| ["type", "capture", "reason", "words"].contains(&key.as_str()));
     }
     Ok(json(&value))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_press_counts_for_ten_seconds_by_the_clock_of_this_process() {
+        for (pressed_ms, now_ms, expected) in [
+            (0, 0, false),
+            (0, 10_000, false),
+            (0, 10_001, true),
+            (70_000, 80_000, false),
+            (69_999, 80_000, true),
+            // The browser's clock is a little ahead.
+            (80_500, 80_000, false),
+            // What the browser knows is of before this process began.
+            (90_000, 80_000, true),
+            (u64::MAX, 80_000, true),
+        ] {
+            let found = is_late(pressed_ms, now_ms);
+            assert_eq!(found, expected, "{pressed_ms} at {now_ms}");
+        }
+    }
 }

@@ -27,6 +27,7 @@ use reply::Refusal;
 use std::collections::BTreeMap;
 use std::net::IpAddr;
 use std::sync::Arc;
+use std::time::Instant;
 use tokio::sync::Semaphore;
 
 /// A request as the server hands it over.
@@ -76,6 +77,7 @@ pub(super) struct App {
     small: Arc<Semaphore>,
     looking: Semaphore,
     streams: Arc<Shares<Hash>>,
+    begun: Instant,
 }
 
 impl App {
@@ -103,7 +105,13 @@ impl App {
             small: Arc::new(Semaphore::new(SMALL)),
             looking: Semaphore::new(LOOKING),
             streams: Shares::new(STREAMS, STREAMS_OF_ONE),
+            begun: Instant::now(),
         }
+    }
+
+    /// Milliseconds since this process began to serve, by which a browser tells when somebody pressed.
+    pub(super) fn clock_ms(&self) -> u64 {
+        u64::try_from(self.begun.elapsed().as_millis()).unwrap_or(u64::MAX)
     }
 }
 

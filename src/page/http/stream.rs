@@ -65,7 +65,8 @@ async fn next(mut stream: Stream) -> Option<(Result<Bytes, Infallible>, Stream)>
     // A session that was revoked, or is over, sees no more.
     stream.app.sessions.role(&stream.secret)?;
     stream.changes.mark_unchanged();
-    let now = stream.app.watch.look(|now| now.snapshot(Instant::now()));
+    let mut now = stream.app.watch.look(|now| now.snapshot(Instant::now()));
+    now["clock_ms"] = stream.app.clock_ms().into();
     let event = format!("event: now\ndata: {now}\n\n");
     Some((Ok(event.into()), stream))
 }
