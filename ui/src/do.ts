@@ -4,7 +4,7 @@ import * as api from "./api";
 import { Part } from "./element";
 import { date } from "./history";
 import { live } from "./live";
-import { press, resume } from "./press";
+import { press, type Pressed, resume } from "./press";
 import { shown } from "./signs";
 import { isKey, type Key, t } from "./words";
 import { said } from "./words/said";
@@ -143,18 +143,27 @@ export class DoPart extends Part {
     void this.pressed(press(this.value("number"), this.value("placement")));
   };
 
-  private async pressed(answer: Promise<api.Answer>): Promise<void> {
+  private async pressed({ subject, placement, answer }: Pressed): Promise<void> {
     this.pressing = true;
     const isTaken = await this.during(answer, (error) => {
       const isUnsure = error instanceof api.Refused && error.code === "network";
       return isUnsure ? t("told_unsure") : null;
     });
     this.pressing = false;
-    // The next one may lie otherwise.
-    const placement = this.querySelector<HTMLInputElement>("#placement");
-    if (isTaken && placement) placement.value = "";
-    this.number()?.focus({ preventScroll: true });
-    this.number()?.select();
+    // The next one may lie otherwise. What was typed meanwhile is about that one.
+    const field = this.querySelector<HTMLInputElement>("#placement");
+    if (isTaken && field && field.value.trim() === placement) field.value = "";
+    this.offerNumber(subject);
+  }
+
+  /** The next number takes the place of the one that was sent. Whoever types something else meanwhile goes on with that. */
+  private offerNumber(sent: string): void {
+    const field = this.number();
+    const active = document.activeElement;
+    const isElsewhere = active !== field && active?.matches("input, select, textarea");
+    if (!field || isElsewhere || field.value.trim() !== sent) return;
+    field.focus({ preventScroll: true });
+    field.select();
   }
 
   /** Waits for an answer and tells it; nothing else is asked meanwhile. */

@@ -17,7 +17,14 @@ interface Pending {
   pressed_ms: number | null;
 }
 
-let running: Promise<Answer> | null = null;
+/** A press that is under way: what was sent, and the answer. */
+export interface Pressed {
+  subject: string;
+  placement: string;
+  answer: Promise<Answer>;
+}
+
+let running: Pressed | null = null;
 
 function newId(): string {
   const bytes = crypto.getRandomValues(new Uint8Array(16));
@@ -25,13 +32,13 @@ function newId(): string {
 }
 
 /** Presses; while one press is under way, a further tap is the same press. */
-export function press(subject: string, placement: string): Promise<Answer> {
+export function press(subject: string, placement: string): Pressed {
   const pending = { id: newId(), subject, placement, at: Date.now(), pressed_ms: live.clock() };
   return running ?? begin(pending, false);
 }
 
 /** The press that a reload of the page cut short, if that was a moment ago. */
-export function resume(): Promise<Answer> | null {
+export function resume(): Pressed | null {
   const stored = sessionStorage.getItem(STORED);
   if (stored === null || running) return running;
   try {
@@ -45,12 +52,13 @@ export function resume(): Promise<Answer> | null {
   return null;
 }
 
-function begin(pending: Pending, isAgain: boolean): Promise<Answer> {
+function begin(pending: Pending, isAgain: boolean): Pressed {
   sessionStorage.setItem(STORED, JSON.stringify(pending));
-  running = send(pending, isAgain).finally(() => {
+  const answer = send(pending, isAgain).finally(() => {
     running = null;
     sessionStorage.removeItem(STORED);
   });
+  running = { subject: pending.subject, placement: pending.placement, answer };
   return running;
 }
 

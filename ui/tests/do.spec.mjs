@@ -165,6 +165,27 @@ test("a page that is loaded again before the answer to its press came asks for t
   expect(await page.evaluate(() => sessionStorage.getItem("scand-press"))).toBe(null);
 });
 
+test("what is typed while a press is under way stays, and the answer takes nobody's focus", async ({ page, rig }) => {
+  await enter(page, rig);
+  const [number, placement] = [page.getByLabel("Number of the object"), page.getByLabel("How it lies")];
+  await number.fill("1884.3");
+  await placement.fill("upright");
+  let release;
+  const held = new Promise((done) => (release = done));
+  await page.route("**/api/press", async (route) => {
+    await held;
+    await route.continue();
+  });
+  await page.getByRole("button", { name: "Press", exact: true }).click();
+  await number.fill("1884.4");
+  await placement.fill("on its side");
+  release();
+  await expect(page.locator(".do > .told")).toContainText("safe on the disk");
+  await expect(placement).toBeFocused();
+  await expect(placement).toHaveValue("on its side");
+  await expect(number).toHaveValue("1884.4");
+});
+
 test("a press that comes more than ten seconds late takes no capture, and the page says so", async ({ page, rig, expected }) => {
   expected.push("409");
   await enter(page, rig);
