@@ -220,7 +220,8 @@ async fn made(
         let views = views?;
         make(&views)
     };
-    let (file, size, tag) = blocking(made).await?.ok_or_else(no_model)?;
+    let (made, slot) = blocking_with(slot, made).await?;
+    let (file, size, tag) = made.ok_or_else(no_model)?;
     let mut response = if is_known(headers, &tag) {
         unchanged()
     } else {
@@ -281,7 +282,8 @@ async fn small(
     let is_gzip = view == View::Model;
     // Where gzip is not taken, the cache has nothing to give.
     let views = views.filter(|_| !is_gzip || takes_gzip(headers));
-    let made = blocking(move || views?.get(&models, &names.0, &names.1, view)).await?;
+    let make = move || views?.get(&models, &names.0, &names.1, view);
+    let (made, slot) = blocking_with(slot, make).await?;
     let Some((file, size, tag)) = made else {
         drop(slot);
         return whole(asked, recording, capture, view.source(), None).await;
@@ -439,21 +441,69 @@ async fn blocking<T: Send + 'static>(
     })
 }
 
+/// The same for what needs one of a few places. The work goes on when nobody waits for it any more, and has its place
+/// until it is done; otherwise clients that leave and ask anew would take every thread.
+async fn blocking_with<P: Send + 'static, T: Send + 'static>(
+    place: P,
+    work: impl FnOnce() -> T + Send + 'static,
+) -> Result<(T, P), Refusal> {
+    blocking(move || (work(), place)).await
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::page::http::{DOWNLOADS, READERS, SMALL};
+    use crate::page::parameters::Parameters;
+    use crate::page::serve;
+    use parking_lot::Mutex;
+
+    fn runtime() -> tokio::runtime::Runtime {
+        let mut builder = tokio::runtime::Builder::new_current_thread();
+        let builder = builder.enable_all().max_blocking_threads(READERS);
+        builder.build().unwrap()
+    }
+
+    #[test]
+    fn requests_for_small_forms_that_were_abandoned_keep_no_list_waiting() {
+        let root = tempfile::tempdir().unwrap();
+        let at = |name: &str| root.path().join(name);
+        let parameters = Parameters {
+            models: at("models"),
+            recordings: at("recordings"),
+            state: at("state"),
+            cache: at("cache"),
+            ..Parameters::default()
+        };
+        std::fs::create_dir_all(&parameters.state).unwrap();
+        let app = serve::app(&parameters).unwrap();
+        assert!(app.views.is_some());
+        let runtime = runtime();
+        // No form is made until this is let go.
+        let gate = Arc::new(Mutex::new(()));
+        let held = gate.lock();
+        runtime.block_on(async {
+            for _ in 0..READERS + 8 {
+                let gate = gate.clone();
+                let make = move |_: &Views| {
+                    drop(gate.lock());
+                    None
+                };
+                let headers = HeaderMap::new();
+                let abandoned = made(&app, &headers, "image/jpeg", make);
+                let _ = tokio::time::timeout(Duration::from_millis(20), abandoned).await;
+            }
+            let listed = tokio::time::timeout(Duration::from_secs(20), blocking(|| 7)).await;
+            assert!(matches!(listed, Ok(Ok(7))));
+        });
+        drop(held);
+    }
 
     #[test]
     fn clients_that_do_not_read_their_files_keep_no_list_waiting() {
         let file = tempfile::tempfile().unwrap();
         file.set_len(64 << 20).unwrap();
-        let runtime = tokio::runtime::Builder::new_current_thread()
-            .enable_all()
-            .max_blocking_threads(READERS)
-            .build()
-            .unwrap();
-        runtime.block_on(async {
+        runtime().block_on(async {
             let unread: Vec<_> = (0..DOWNLOADS + SMALL)
                 .map(|_| {
                     let file = file.try_clone().unwrap();
