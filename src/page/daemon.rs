@@ -42,6 +42,10 @@ pub(super) enum Error {
     #[error("{0}")]
     Refused(String),
     #[error(
+        "the page was too slow to hear {0} of the daemon's events, and asks anew what holds now"
+    )]
+    Behind(u64),
+    #[error(
         "{REQUESTS} requests of this page are already waiting for the daemon: try again in a moment"
     )]
     Full,

@@ -103,7 +103,7 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         assert!(load(folder.path()).is_none());
         let watch = Watch::new();
-        let kept = r#"[{"capture":"a-0001","recording":"a","subject":"7","sign":"safe","reasons":[],"decision":null,
+        let kept = r#"[{"capture":"a-0001","recording":"a","subject":"7","sign":"safe","reasons":[],
             "age_ms":5000}]"#;
         watch.restore(serde_json::from_str(kept).unwrap(), Duration::ZERO);
         store(folder.path(), &watch).unwrap();

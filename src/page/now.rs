@@ -114,7 +114,7 @@ pub(super) struct CaptureEntry {
     pub(super) subject: Option<String>,
     pub(super) sign: Sign,
     pub(super) reasons: Vec<String>,
-    /// `accepted` or `rejected`, if people said so.
+    /// `accepted` or `rejected`, if people said so and nothing was missed since.
     pub(super) decision: Option<&'static str>,
     pub(super) begun: Instant,
     pub(super) changed: Instant,
@@ -128,16 +128,8 @@ pub(super) struct KeptCapture {
     subject: Option<String>,
     sign: Sign,
     reasons: Vec<String>,
-    decision: Option<String>,
     /// How long before it was kept the capture began.
     age_ms: u64,
-}
-
-/// What people decided, by its name.
-fn decision_named(name: &str) -> Option<&'static str> {
-    ["accepted", "rejected"]
-        .into_iter()
-        .find(|known| *known == name)
 }
 
 /// What holds now.
@@ -149,19 +141,23 @@ pub(super) struct Now {
     /// A failure of an earlier capture that became known while another one was in progress; it is shown after that.
     held_back: Option<Shown>,
     captures: VecDeque<CaptureEntry>,
+    /// Whether captures may have been taken after the last one that was heard of.
+    has_missed: bool,
     objects: Objects,
     /// Grows with each change of what the history shows.
     history: u64,
 }
 
 impl Now {
-    /// Whether events arrive. What was in progress when they ended has an unknown outcome.
+    /// Whether events arrive. What was in progress when they ended has an unknown outcome; which capture is the last
+    /// one, and what people decide, is not heard meanwhile.
     pub(super) fn set_listening(&mut self, listening: bool) {
         self.history += u64::from(self.listening != listening);
         self.listening = listening;
         if listening {
             return;
         }
+        self.has_missed = true;
         if self
             .shown
             .as_ref()
@@ -170,6 +166,7 @@ impl Now {
             self.shown = self.held_back.take();
         }
         for seen in &mut self.captures {
+            seen.decision = None;
             if seen.sign.is_in_progress() {
                 seen.sign = Sign::OutcomeUnknown;
             }
@@ -205,14 +202,14 @@ impl Now {
             subject: seen.subject.clone(),
             sign: seen.sign,
             reasons: seen.reasons.clone(),
-            decision: seen.decision.map(str::to_owned),
             age_ms: at.saturating_duration_since(seen.begun).as_millis() as u64,
         });
         kept.collect()
     }
 
     /// Takes in the captures of the last day that an earlier process kept so long ago. They say nothing of what holds
-    /// now: what was in progress has an unknown outcome, and no sign is shown for any.
+    /// now: what was in progress has an unknown outcome, what people decided since was not heard, and no sign is shown
+    /// for any.
     pub(super) fn restore(&mut self, kept: Vec<KeptCapture>, ago: Duration, at: Instant) {
         let more = kept.len().saturating_sub(MOST_CAPTURES);
         for capture in kept.into_iter().skip(more) {
@@ -231,11 +228,12 @@ impl Now {
                 subject: capture.subject,
                 sign,
                 reasons: capture.reasons,
-                decision: capture.decision.as_deref().and_then(decision_named),
+                decision: None,
                 begun,
                 changed: begun,
             });
         }
+        self.has_missed = true;
         self.history += 1;
     }
 
@@ -305,6 +303,7 @@ impl Now {
             begun: at,
             changed: at,
         });
+        self.has_missed = false;
     }
 
     fn place(&mut self, capture: &str, recording: &std::path::Path) {
@@ -441,7 +440,7 @@ impl Now {
         let last = self.captures.back().map(|seen| {
             json!({ "capture": seen.capture, "recording": seen.recording, "subject": seen.subject,
                 "sign": seen.sign, "reasons": seen.reasons, "decision": seen.decision,
-                "age_ms": since(seen.begun) })
+                "is_last": !self.has_missed, "age_ms": since(seen.begun) })
         });
         let told = self.status(at).map(|(status, age)| {
             json!({ "age_ms": ms(age), "session": status["session"], "captures_left": captures_left(status),

@@ -278,24 +278,51 @@ fn captures_are_kept_for_a_later_process_and_none_is_shown_as_if_it_were_so_now(
     assert_eq!(again.sign(later).0, Sign::Ready);
     let known: Vec<_> = again
         .captures()
-        .map(|c| {
-            (
-                c.capture.as_str(),
-                c.recording.as_deref(),
-                c.sign,
-                c.decision,
-            )
-        })
+        .map(|c| (c.capture.as_str(), c.recording.as_deref(), c.sign))
         .collect();
     assert_eq!(
         known,
         [
-            ("a-0001", Some("a"), Sign::Safe, Some("rejected")),
-            ("a-0002", None, Sign::OutcomeUnknown, None),
+            ("a-0001", Some("a"), Sign::Safe),
+            ("a-0002", None, Sign::OutcomeUnknown),
         ]
     );
+    // Whoever took the reject back meanwhile was not heard.
+    assert!(again.captures().all(|c| c.decision.is_none()));
     assert_eq!(again.snapshot(later)["last"]["age_ms"], 15_000);
     assert_eq!(restored(OLDEST).captures().count(), 0);
+}
+
+#[test]
+fn what_was_missed_is_told_neither_as_the_last_capture_nor_as_a_decision() {
+    let at = Instant::now();
+    let mut now = ready(at);
+    for line in [
+        r#"{"type":"accepted","capture":"a-0001"}"#,
+        r#"{"type":"durable","capture":"a-0001","recording":"/r/a.mcap"}"#,
+        r#"{"type":"note","capture":"a-0001","kind":"accept","text":""}"#,
+    ] {
+        heard(&mut now, line, at);
+    }
+    let last = |now: &Now| {
+        let snapshot = now.snapshot(at);
+        let last = &snapshot["last"];
+        json!([last["is_last"], last["decision"]])
+    };
+    assert_eq!(last(&now), json!([true, "accepted"]));
+    now.set_listening(false);
+    now.set_listening(true);
+    assert_eq!(last(&now), json!([false, null]));
+    // A capture whose beginning was missed is not in the list.
+    let done = r#"{"type":"done","capture":"a-0002","verdict":"green","model":"/m/a/a-0002"}"#;
+    heard(&mut now, done, at);
+    assert_eq!(last(&now)[0], false);
+    heard(&mut now, r#"{"type":"accepted","capture":"a-0003"}"#, at);
+    assert_eq!(last(&now)[0], true);
+    let kept = now.kept(at);
+    let mut again = ready(at);
+    again.restore(kept, Duration::ZERO, at);
+    assert_eq!(last(&again)[0], false);
 }
 
 #[test]

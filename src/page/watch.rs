@@ -120,8 +120,13 @@ impl Watch {
             self.metrics.lock().hear(&event, at);
             self.note_made(&event);
             self.change(|now| now.hear(&event, at));
-            if matches!(event, Event::Ending) {
-                return Err(Error::Away(std::io::ErrorKind::ConnectionReset.into()));
+            match event {
+                Event::Ending => {
+                    return Err(Error::Away(std::io::ErrorKind::ConnectionReset.into()));
+                }
+                // What was in progress may have ended with one of them.
+                Event::Lost { events } => return Err(Error::Behind(events)),
+                _ => {}
             }
         }
     }
@@ -161,7 +166,54 @@ async fn status(
 
 #[cfg(test)]
 mod tests {
+    use super::super::now::Sign;
     use super::*;
+    use std::io::{BufRead, BufReader, Write};
+    use std::sync::atomic::{AtomicUsize, Ordering};
+
+    /// A daemon whose first listener hears these lines, and all later ones nothing; how many listened.
+    fn serve(path: &std::path::Path, lines: &'static str) -> Arc<AtomicUsize> {
+        let listener = std::os::unix::net::UnixListener::bind(path).unwrap();
+        let listeners = Arc::new(AtomicUsize::new(0));
+        let counted = listeners.clone();
+        std::thread::spawn(move || {
+            let mut kept = Vec::new();
+            for mut stream in listener.incoming().map_while(Result::ok) {
+                let asked = BufReader::new(stream.try_clone().unwrap()).lines().next();
+                assert!(asked.unwrap().unwrap().contains("events"));
+                let is_first = counted.fetch_add(1, Ordering::SeqCst) == 0;
+                let heard = if is_first { lines } else { "" };
+                let _ = write!(stream, "{{\"type\":\"listening\"}}\n{heard}");
+                kept.push(stream);
+            }
+        });
+        listeners
+    }
+
+    #[test]
+    fn a_listener_that_missed_events_listens_anew_and_takes_nothing_for_still_in_progress() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("scand.sock");
+        let accepted = r#"{"type":"accepted","capture":"a-0001"}"#;
+        let lost = r#"{"type":"lost","events":7}"#;
+        let listeners = serve(&path, format!("{accepted}\n{lost}\n").leak());
+        let (watch, daemon) = (Watch::new(), Daemon::new(&path));
+        let signs = || watch.look(|now| now.captures().map(|seen| seen.sign).collect::<Vec<_>>());
+        let mut builder = tokio::runtime::Builder::new_current_thread();
+        let runtime = builder.enable_all().build().unwrap();
+        runtime.block_on(async {
+            let heard_anew = async {
+                while listeners.load(Ordering::SeqCst) < 2 {
+                    tokio::time::sleep(Duration::from_millis(10)).await;
+                }
+            };
+            tokio::select! {
+                () = watch.keep_events(&daemon) => {}
+                in_time = tokio::time::timeout(Duration::from_secs(60), heard_anew) => in_time.unwrap(),
+            }
+        });
+        assert_eq!(signs(), [Sign::OutcomeUnknown]);
+    }
 
     #[test]
     fn of_too_many_models_that_wait_the_oldest_are_dropped() {

@@ -16,6 +16,8 @@ export interface Last {
   sign: string;
   reasons: string[];
   decision?: string | null;
+  /** False if others may have been taken since, of which the page did not hear. */
+  is_last?: boolean;
   age_ms: number;
 }
 

@@ -81,7 +81,8 @@ class NowPart extends Part {
     const subject = last.subject ? html` (<bdi>${t("for_object", { subject: last.subject })}</bdi>)` : nothing;
     // Where the sign has to say something else, such as that a camera is away, the failure is told here.
     const why = last.sign === "failed" && shown !== "failed" ? last.reasons : [];
-    return html`${t("last_capture")}: ${hasModel ? html`<a href=${address}>${name}</a>` : name}${subject},
+    const which = last.is_last === false ? "last_heard" : "last_capture";
+    return html`${t(which)}: ${hasModel ? html`<a href=${address}>${name}</a>` : name}${subject},
       ${t(`sign_${last.sign}` as Key)}${last.decision ? html` ${decision(last)}` : nothing}, ${age(last.age_ms + live.passed())}
       ${why.map((text) => html` ${spoken(text)}`)}`;
   }

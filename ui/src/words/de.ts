@@ -71,6 +71,7 @@ export const de: Words = {
   side_bottom: "unten",
 
   last_capture: "Letzte Aufnahme",
+  last_heard: "Letzte Aufnahme, von der diese Seite hörte",
   for_object: "Objekt {subject}",
   session_open: "Reihe {name}",
   session_none: "Keine Reihe ist offen; ein Druck beginnt von selbst eine.",

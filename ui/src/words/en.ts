@@ -69,6 +69,7 @@ export const en = {
   side_bottom: "bottom",
 
   last_capture: "Last capture",
+  last_heard: "Last capture that this page heard of",
   for_object: "object {subject}",
   session_open: "Session {name}",
   session_none: "No session is open; a press begins one by itself.",
