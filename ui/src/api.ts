@@ -291,10 +291,10 @@ export interface Apart {
   growth_mm: number;
 }
 
-/** How far a model's surface is from that of another model, and a picture of that. */
-export async function difference(recording: string, capture: string, other: Summary): Promise<[Apart, Blob]> {
+/** How far a model's surface is from that of another model, and a picture of that; asked for until `left` says so. */
+export async function difference(recording: string, capture: string, other: Summary, left: AbortSignal): Promise<[Apart, Blob]> {
   const names = [other.recording, other.capture].map(encodeURIComponent).join("/");
-  const [found, bytes] = await withPictures(file(recording, capture, `difference/${names}`));
+  const [found, bytes] = await withPictures(file(recording, capture, `difference/${names}`), left);
   return [found as Apart, jpeg(bytes)];
 }
 
@@ -312,9 +312,9 @@ export interface Photograph {
   words: string;
 }
 
-/** The photographs of a capture; none if its recording is not there any more. */
-export async function photographs(recording: string, capture: string): Promise<Photograph[]> {
-  const [found, bytes] = await withPictures(file(recording, capture, "photographs"));
+/** The photographs of a capture; none if its recording is not there any more. Asked for until `left` says so. */
+export async function photographs(recording: string, capture: string, left: AbortSignal): Promise<Photograph[]> {
+  const [found, bytes] = await withPictures(file(recording, capture, "photographs"), left);
   let begin = 0;
   return (found as { camera: string; width?: number; height?: number; bytes?: number; words?: string }[]).map((told) => {
     const end = begin + (told.bytes ?? 0);
@@ -334,11 +334,21 @@ function jpeg(bytes: Uint8Array<ArrayBuffer>): Blob {
   return new Blob([bytes], { type: "image/jpeg" });
 }
 
-/** A line of JSON, and the bytes behind it. */
-async function withPictures(address: string): Promise<[unknown, Uint8Array<ArrayBuffer>]> {
+/** Comes after a time, or when one signal does. Not every browser has `AbortSignal.any`. */
+function within(patience_ms: number, left: AbortSignal): AbortSignal {
+  const either = new AbortController();
+  const end = () => either.abort();
+  if (left.aborted) end();
+  left.addEventListener("abort", end, { once: true });
+  setTimeout(end, patience_ms);
+  return either.signal;
+}
+
+/** A line of JSON, and the bytes behind it. A browser has six connections: nobody waits for what was left. */
+async function withPictures(address: string, left: AbortSignal): Promise<[unknown, Uint8Array<ArrayBuffer>]> {
   let bytes: Uint8Array<ArrayBuffer>;
   try {
-    const response = await fetch(address, { signal: AbortSignal.timeout(60_000) });
+    const response = await fetch(address, { signal: within(60_000, left) });
     if (!response.ok) {
       const { code, words } = (await response.json()) as { code: string; words: string };
       throw new Refused(code, words, response.status);

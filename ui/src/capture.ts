@@ -85,6 +85,8 @@ class CapturePart extends Part {
   private answered = 0;
   /** Which model, in which state, the viewer shows or loads. */
   private loaded = "";
+  /** Ends the loading of a model that is not shown any more. */
+  private loading = new AbortController();
 
   constructor() {
     super();
@@ -130,6 +132,8 @@ class CapturePart extends Part {
   }
 
   private endViewer(): void {
+    this.loading.abort();
+    this.loading = new AbortController();
     this.viewer?.end();
     this.viewer = null;
     this.loaded = "";
@@ -193,9 +197,10 @@ class CapturePart extends Part {
 
   private async show(canvas: HTMLCanvasElement, address: string, wanted: string): Promise<void> {
     this.view = t("viewer_loading");
+    const { signal } = this.loading;
     try {
       const { Viewer } = await import("./viewer");
-      const opened = await Viewer.open(canvas, address, (told) => this.measured(told));
+      const opened = await Viewer.open(canvas, address, (told) => this.measured(told), signal);
       // Another model is shown by now.
       if (this.loaded !== wanted) return opened.end();
       this.viewer = opened;

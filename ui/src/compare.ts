@@ -41,6 +41,8 @@ class ComparePart extends Part {
   private pair = "";
   /** Counts what was asked; an answer to anything but the last question is dropped. */
   private asked = 0;
+  /** Ends the comparison of surfaces that are not compared any more. */
+  private left = new AbortController();
 
   constructor() {
     super();
@@ -92,6 +94,8 @@ class ComparePart extends Part {
     this.isBusy = false;
     this.isLarge = false;
     this.asked++;
+    this.left.abort();
+    this.left = new AbortController();
   }
 
   /** Has the surfaces compared, which takes some seconds. */
@@ -101,7 +105,7 @@ class ComparePart extends Part {
     if (!other) return;
     this.isBusy = true;
     this.error = "";
-    await this.ask(api.difference(recording, capture, other), ([found, picture]) => {
+    await this.ask(api.difference(recording, capture, other, this.left.signal), ([found, picture]) => {
       this.apart = [found, URL.createObjectURL(picture)];
     });
   };

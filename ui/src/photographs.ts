@@ -25,6 +25,8 @@ class PhotographsPart extends Part {
   /** The camera whose photograph is shown large. */
   declare large: string;
   private name = "";
+  /** Ends what was asked for the capture that is shown. */
+  private left = new AbortController();
 
   constructor() {
     super();
@@ -47,6 +49,8 @@ class PhotographsPart extends Part {
 
   private forget(name: string): void {
     this.name = name;
+    this.left.abort();
+    this.left = new AbortController();
     for (const { url } of this.shown ?? []) URL.revokeObjectURL(url);
     this.shown = null;
     this.error = "";
@@ -56,7 +60,7 @@ class PhotographsPart extends Part {
   private async load(): Promise<void> {
     const { name, recording, capture } = this;
     try {
-      const found = await api.photographs(recording, capture);
+      const found = await api.photographs(recording, capture, this.left.signal);
       if (name !== this.name) return;
       this.shown = found.map((photograph) => {
         const { picture } = photograph;

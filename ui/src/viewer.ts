@@ -90,9 +90,15 @@ export class Viewer {
   private largest = 0;
   private frame = 0;
 
-  /** Loads a model into a canvas; `measured` hears what each tap did while somebody measures. */
-  static async open(canvas: HTMLCanvasElement, address: string, measured: (told: Measured) => void): Promise<Viewer> {
-    return new Viewer(canvas, await meshesOf(address), measured);
+  /** Loads a model into a canvas, unless `left` says that it is not wanted any more; `measured` hears what each tap did
+   * while somebody measures. */
+  static async open(
+    canvas: HTMLCanvasElement,
+    address: string,
+    measured: (told: Measured) => void,
+    left?: AbortSignal,
+  ): Promise<Viewer> {
+    return new Viewer(canvas, await meshesOf(address, left), measured);
   }
 
   /** Shows another level of detail of the same model, from where it is seen now; `show` chooses how. */
@@ -523,8 +529,11 @@ export class Viewer {
   }
 }
 
-async function meshesOf(address: string): Promise<Mesh[]> {
-  const loaded = await new GLTFLoader().loadAsync(address);
+async function meshesOf(address: string, left?: AbortSignal): Promise<Mesh[]> {
+  const response = await fetch(address, { signal: left });
+  if (!response.ok) throw new Error(`${response.status} ${response.statusText}`);
+  // All of a model is in its one file.
+  const loaded = await new GLTFLoader().parseAsync(await response.arrayBuffer(), "");
   const meshes: Mesh[] = [];
   loaded.scene.updateMatrixWorld(true);
   loaded.scene.traverse((node) => {
