@@ -1,6 +1,7 @@
 // What holds now, as the process tells it in a stream. What is shown counts as known only while the stream is alive: after
 // ten seconds without a word, by the monotonic or by the wall clock (a tablet that slept), nothing is known any more. The
-// event `change` tells that something else may hold, `lost` that the stream broke off.
+// event `change` tells that something else may hold, `lost` that the stream broke off, `back` that there is a word again after
+// a time when nothing was known.
 import type { Now } from "./api";
 
 const STALE_MS = 10_000;
@@ -16,6 +17,7 @@ export class Live extends EventTarget {
   private heard: Heard | null = null;
   private source: EventSource | null = null;
   private opened = 0;
+  private hasHeard = false;
 
   /** Listens; again with a stream of its own for who signs in later. */
   start(): void {
@@ -52,8 +54,11 @@ export class Live extends EventTarget {
     this.source = source;
     source.addEventListener("now", (event) => {
       const now = JSON.parse((event as MessageEvent<string>).data) as Now;
+      const isBack = this.hasHeard && this.now() === null;
+      this.hasHeard = true;
       this.heard = { now, monotonic: performance.now(), wall: Date.now() };
       this.changed();
+      if (isBack) this.dispatchEvent(new Event("back"));
     });
     source.addEventListener("error", () => {
       // The connection is gone: what was heard is not known to hold.

@@ -34,6 +34,8 @@ class Page extends LitElement {
   /** Whether this device was signed in, and is no more. */
   declare isOver: boolean;
   private sign = "";
+  /** Whether the process that serves this page is of another version by now, whose files this page does not have. */
+  private isOutdated = false;
   /** How often it was asked who is signed in, and the first of these answers that still counts. */
   private asked = 0;
   private counting = 0;
@@ -60,6 +62,8 @@ class Page extends LitElement {
     live.addEventListener("change", () => this.heard());
     // Either the connection is gone, or this device is signed out.
     live.addEventListener("lost", () => void this.enter());
+    // The process may have been started again since, in another version.
+    live.addEventListener("back", () => void this.enter());
     for (const event of ["pointerdown", "keydown"]) addEventListener(event, wake);
     setInterval(() => void this.look(), LOOK_MS);
     void this.begin();
@@ -74,6 +78,8 @@ class Page extends LitElement {
 
   /** Goes where the address says; a link may also be opened where the page is open already. */
   private async arrive(): Promise<void> {
+    // What was typed into the part that is left now is lost anyway.
+    if (this.isOutdated) return location.reload();
     const token = /^#pair=([0-9a-f]{64})$/.exec(location.hash)?.[1];
     if (token) await this.take(token);
     this.go();
@@ -109,6 +115,9 @@ class Page extends LitElement {
       if (!this.me) {
         this.me = me;
         live.start();
+      } else if (this.me.version !== me.version) {
+        this.me = me;
+        this.isOutdated = true;
       }
     } catch (error) {
       if (turn < this.counting) return;

@@ -9,8 +9,25 @@ test("a connection that falls silent is told, and what is shown is so again when
   await sign(page, "unknown");
   await expect(page.locator(".facts li")).toHaveCount(0);
   await shot(page, "unknown");
+  // Meanwhile the page's process was replaced by one of another version.
+  await page.route("**/api/me", async (route) => {
+    try {
+      const me = await (await route.fetch()).json();
+      await route.fulfill({ json: { ...me, version: "99.0.0" } });
+    } catch {
+      // It was asked over the wire that is cut.
+      await route.abort().catch(() => {});
+    }
+  });
+  await page.evaluate(() => (window.isFirst = true));
+  const asked = page.waitForResponse("**/api/me");
   rig.wire.mend();
   await sign(page, "ready", "green", "amber");
+  await asked;
+  expect(await page.evaluate(() => window.isFirst)).toBe(true);
+  await page.getByRole("link", { name: "State" }).click();
+  await page.waitForFunction(() => !window.isFirst);
+  await expect(page.locator("main")).toContainText("Version of the page: 99.0.0");
 });
 
 test("a tablet that slept shows nothing old when it wakes, by the clock on the wall", async ({ page, rig, expected }) => {
