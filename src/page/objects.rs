@@ -1,6 +1,6 @@
 //! What the daemon said about models that are not the first of a capture: of objects with several captures, how these
-//! lie against each other, which side to show next, and what became of the model of all of them; and of the last model
-//! that was made again with other settings. No I/O.
+//! lie against each other, which side to show next, and what became of the model of all of them; and of the last models
+//! that were made again with other settings. No I/O.
 
 use crate::trigger::Event;
 use serde_json::{Value, json};
@@ -10,12 +10,15 @@ use std::time::Instant;
 
 /// Objects that are remembered, the newest ones.
 const MOST_OBJECTS: usize = 50;
+/// Models that were made again that are remembered, the newest ones, one of a capture.
+const MOST_REMADE: usize = 10;
 
 /// The objects that events named.
 #[derive(Default)]
 pub(super) struct Objects {
     told: VecDeque<Object>,
-    remade: Option<(Instant, Value)>,
+    /// Of which capture, when, and what was told of it.
+    remade: VecDeque<(String, (Instant, Value))>,
 }
 
 /// What became of a capture of an object last, and when: `taken`, `accepted`, `rejected`, or `cleared` if a decision
@@ -34,7 +37,7 @@ struct Object {
 }
 
 impl Objects {
-    /// Takes in `registered` and `fused`; of other events it has nothing to keep.
+    /// Takes in `registered`, `fused` and `remade`; of other events it has nothing to keep.
     pub(super) fn hear(&mut self, event: &Event, at: Instant) {
         match event {
             Event::Registered {
@@ -72,7 +75,9 @@ impl Objects {
             } => {
                 let folder = model.as_deref().and_then(folder_of);
                 let told = json!({ "capture": capture, "level": verdict, "reasons": reasons, "folder": folder });
-                self.remade = Some((at, told));
+                self.remade.retain(|(known, _)| known != capture);
+                self.remade.truncate(MOST_REMADE - 1);
+                self.remade.push_front((capture.clone(), (at, told)));
             }
             _ => {}
         }
@@ -87,9 +92,10 @@ impl Objects {
         }
     }
 
-    /// The last model that was made again, or why it was not.
-    pub(super) fn remade(&self, at: Instant) -> Option<Value> {
-        self.remade.as_ref().map(|told| aged(told, at))
+    /// The last models that were made again, or why they were not, the newest first.
+    pub(super) fn remade(&self, at: Instant) -> Vec<Value> {
+        let remade = self.remade.iter();
+        remade.map(|(_, told)| aged(told, at)).collect()
     }
 
     /// The object's entry, which becomes the newest.
@@ -182,12 +188,36 @@ mod tests {
         let told = objects.of("7", at).unwrap();
         assert!(told["fused"]["level"].is_null() && told["fused"]["folder"].is_null());
         assert!(objects.of("8", at).is_none());
-        assert!(objects.remade(at).is_none());
+        assert!(objects.remade(at).is_empty());
         let remade = r#"{"type":"remade","capture":"a-0001","verdict":"green","reasons":[],
             "model":"/secret/models/a/a-0001.remake-1"}"#;
         heard(&mut objects, remade, at);
-        let told = objects.remade(at).unwrap();
-        assert_eq!(told["folder"], json!(["a", "a-0001.remake-1"]));
+        let told = objects.remade(at);
+        assert_eq!(told[0]["folder"], json!(["a", "a-0001.remake-1"]));
+    }
+
+    #[test]
+    fn the_newest_model_that_was_made_again_is_told_of_each_of_the_last_captures() {
+        let at = Instant::now();
+        let mut objects = Objects::default();
+        let mut made = |capture: usize, n: usize| {
+            let line = format!(
+                r#"{{"type":"remade","capture":"a-{capture}","verdict":"green","model":"/m/a/a-{capture}.remake-{n}"}}"#
+            );
+            heard(&mut objects, &line, at);
+            let told = objects.remade(at).into_iter();
+            told.map(|told| told["folder"][1].clone())
+                .collect::<Vec<_>>()
+        };
+        made(1, 1);
+        made(2, 1);
+        assert_eq!(made(1, 2), ["a-1.remake-2", "a-2.remake-1"]);
+        for capture in 3..3 + MOST_REMADE {
+            made(capture, 1);
+        }
+        let last = made(99, 1);
+        assert_eq!(last.len(), MOST_REMADE);
+        assert_eq!(last[0], "a-99.remake-1");
     }
 
     #[test]

@@ -47,7 +47,8 @@ export interface Now {
     plates_age_h: number | null;
   } | null;
   object: ObjectTold | null;
-  remade: Remade | null;
+  /** The newest first, one of a capture. */
+  remade: Remade[];
   history: number;
   /** Milliseconds since the page's process began. */
   clock_ms?: number;
@@ -88,7 +89,7 @@ export interface Changed {
   what: string;
 }
 
-/** What became of the last model that was to be made again. */
+/** What became of the last model of a capture that was to be made again. */
 export interface Remade {
   capture: string;
   level: Level | null;

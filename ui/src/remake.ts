@@ -18,6 +18,9 @@ const NUMBERS: [string, Key, Key, number, number, number, number][] = [
   ["silhouette.smallest_hole_px", "remake_hole", "remake_hole_hint", 0, 10_000, 1, 40],
 ];
 
+/** For how long a status may tell what was so before a model was asked for: the page's process waits that long for one. */
+const STATUS_MS = 3000;
+
 /** What the daemon says that models are made with; nothing of a daemon of an earlier version. */
 const settings = () => live.now()?.daemon?.models?.settings;
 
@@ -59,14 +62,12 @@ class RemakePart extends Part {
     if (this.waiting !== "" && this.isNoneLeft()) this.waiting = "";
   }
 
-  /** Whether the daemon told, after the model was asked for, what became of this capture's last one, and that no other is
-   * to be made again. */
+  /** Whether the daemon told, after the model was asked for, that none is to be made again any more. */
   private isNoneLeft(): boolean {
-    const now = live.now();
+    const daemon = live.now()?.daemon;
+    if (!daemon) return false;
     const since = performance.now() - this.asked;
-    const isTold = (age_ms: number) => age_ms + live.passed() < since;
-    if (!now?.daemon || !now.remade || now.remade.capture !== this.capture) return false;
-    return now.daemon.models?.remakes === 0 && isTold(now.daemon.age_ms) && isTold(now.remade.age_ms);
+    return daemon.models?.remakes === 0 && daemon.age_ms + live.passed() + STATUS_MS < since;
   }
 
   private readonly send = async (event: SubmitEvent) => {
@@ -94,7 +95,7 @@ class RemakePart extends Part {
   };
 
   render(): TemplateResult {
-    const remade = live.now()?.remade ?? null;
+    const remade = live.now()?.remade.find(({ capture }) => capture === this.capture);
     return html`
       <details>
         <summary>${t("remake")}</summary>
@@ -128,7 +129,7 @@ class RemakePart extends Part {
           <p class="told" role="status">${this.message || this.waiting}</p>
         </form>
       </details>
-      ${remade && remade.capture === this.capture ? this.made(remade) : nothing}
+      ${remade ? this.made(remade) : nothing}
     `;
   }
 

@@ -24,7 +24,7 @@ test("each sign has a form and a word of its own, and says what to do, in each l
   const tell = (sign, models = null) =>
     page.evaluate(([sign, models]) => {
       const daemon = { age_ms: 5, session: null, captures_left: 40, models, plates_age_h: 1 };
-      const rest = { recording: null, age_ms: 5, last: null, object: null, remade: null, history: 1 };
+      const rest = { recording: null, age_ms: 5, last: null, object: null, remade: [], history: 1 };
       const now = { sign, capture: "a-0001", reasons: ["c00: opening"], daemon, ...rest };
       window.events.dispatchEvent(new MessageEvent("now", { data: JSON.stringify(now) }));
     }, [sign, models]);
