@@ -120,6 +120,10 @@ async fn serve(parameters: &Parameters) -> Result<(), Error> {
         () = kept::keep(&parameters.state, &app.watch) => {}
         () = told_to_end() => {}
     }
+    // The runtime does not end before its threads, and one of them may wait for a process.
+    if let Some(views) = &app.views {
+        views.end();
+    }
     let _ = kept::store(&parameters.state, &app.watch);
     let _ = std::fs::remove_file(&parameters.control);
     Ok(())

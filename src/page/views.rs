@@ -136,6 +136,11 @@ impl Views {
         })
     }
 
+    /// Ends the process that makes a view, if there is one, and any that begins later.
+    pub(super) fn end(&self) {
+        self.cancel.cancel();
+    }
+
     /// A view of a capture's model, its size in bytes, and a tag that changes with it. It is made if it is not there
     /// yet, which takes some tenths of a second; none if it cannot be made.
     pub(super) fn get(
@@ -331,7 +336,7 @@ impl Views {
 
 impl Drop for Views {
     fn drop(&mut self) {
-        self.cancel.cancel();
+        self.end();
     }
 }
 
@@ -367,6 +372,7 @@ fn files(folder: &Path) -> impl Iterator<Item = (PathBuf, SystemTime, u64)> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::support::wait::until;
     use std::os::unix::fs::PermissionsExt;
 
     /// A cache whose program is a script, and a folder of models with one model.
@@ -481,6 +487,19 @@ mod tests {
         assert_eq!(get(&views).unwrap(), "glTF");
         // What the process said although it did its work is not lost.
         assert_eq!(*views.warned.lock(), "slow\n");
+    }
+
+    #[test]
+    fn one_that_is_being_made_is_not_waited_for_when_the_page_ends() {
+        let (root, views, models) = stand("sleep 600");
+        std::thread::scope(|scope| {
+            let made = scope.spawn(|| views.get(&models, "a", "a-0001", View::Model).is_some());
+            until("nothing is being made", || runs(&root) == 1);
+            let ended = Instant::now();
+            views.end();
+            assert!(!made.join().unwrap());
+            assert!(ended.elapsed() < PATIENCE / 2, "{:?}", ended.elapsed());
+        });
     }
 
     #[test]
