@@ -85,6 +85,8 @@ struct Shown {
     capture: String,
     reasons: Vec<String>,
     since: Instant,
+    /// Tells it from other news that say the same, such as a second press that is refused.
+    number: u64,
     /// When its capture began, or its press was refused; `None` of a capture of which the beginning was not heard.
     pressed: Option<Instant>,
 }
@@ -138,6 +140,8 @@ pub(super) struct Now {
     listening: bool,
     status: Option<(Instant, Value)>,
     shown: Option<Shown>,
+    /// The number of the newest of what was or is to be shown.
+    news: u64,
     /// A failure of an earlier capture that became known while another one was in progress; it is shown after that.
     held_back: Option<Shown>,
     captures: VecDeque<CaptureEntry>,
@@ -352,11 +356,13 @@ impl Now {
     }
 
     fn show_sign(&mut self, capture: &str, sign: Sign, reasons: &[String], at: Instant) {
+        self.news += 1;
         let new = Shown {
             sign,
             capture: capture.into(),
             reasons: reasons.to_vec(),
             since: at,
+            number: self.news,
             pressed: self.pressed(capture, at),
         };
         let is_urgent = |shown: &Shown| shown.stays_before(&new);
@@ -449,8 +455,10 @@ impl Now {
         let mut captures = self.captures.iter().rev();
         let shown = captures.find(|seen| seen.capture == capture);
         let recording = shown.and_then(|seen| seen.recording.as_deref());
+        // A sign that has an age is what was shown last.
+        let news = age.and(self.shown.as_ref()).map(|shown| shown.number);
         json!({ "sign": sign, "capture": capture, "recording": recording, "reasons": reasons, "age_ms": age.map(ms),
-            "last": last, "daemon": told, "history": self.history, "remade": self.objects.remade(at),
+            "news": news, "last": last, "daemon": told, "history": self.history, "remade": self.objects.remade(at),
             "object": self.captures.back().and_then(|seen| self.objects.of(seen.subject.as_deref()?, at)) })
     }
 }

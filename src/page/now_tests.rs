@@ -183,6 +183,24 @@ fn an_earlier_capture_does_not_answer_a_press_that_was_refused() {
 }
 
 #[test]
+fn a_second_press_that_is_refused_is_other_news_than_the_first() {
+    let begin = Instant::now();
+    let mut now = ready(begin);
+    assert!(now.snapshot(begin)["news"].is_null());
+    let refused = r#"{"type":"refused","reason":"full"}"#;
+    heard(&mut now, refused, begin);
+    let first = now.snapshot(begin)["news"].clone();
+    let at = begin + Duration::from_secs(1);
+    assert_eq!(now.snapshot(at)["news"], first);
+    heard(&mut now, refused, at);
+    let second = now.snapshot(at)["news"].clone();
+    assert!(first.is_u64() && second.is_u64() && first != second);
+    let later = at + Sign::Failed.stays();
+    now.set_status(Some(status("ready")), later);
+    assert!(now.snapshot(later)["news"].is_null());
+}
+
+#[test]
 fn nobody_is_told_to_press_again_where_no_press_can_succeed() {
     let at = Instant::now();
     let mut now = ready(at);

@@ -38,6 +38,8 @@ export interface Now {
   recording: string | null;
   reasons: string[];
   age_ms: number | null;
+  /** Tells the sign from other news that say the same; null while nothing happens. */
+  news?: number | null;
   last: Last | null;
   daemon: {
     age_ms: number;

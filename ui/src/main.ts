@@ -139,7 +139,7 @@ class Page extends LitElement {
   private heard(): void {
     const now = live.now();
     const sign = now?.sign ?? "unknown";
-    this.sound(sign, now?.capture ?? "");
+    this.sound(sign, `${now?.capture ?? ""} ${now?.news ?? ""}`);
     const look = shown(now);
     if (look === this.sign) return;
     this.sign = look;
@@ -151,9 +151,9 @@ class Page extends LitElement {
   }
 
   /** A tone for each news, once: neither a connection that comes back nor a page that was just opened is news. */
-  private sound(sign: string, capture: string): void {
+  private sound(sign: string, about: string): void {
     if (["unknown", "away"].includes(sign)) return;
-    const due = `${sign} ${capture}`;
+    const due = `${sign} ${about}`;
     if (this.told !== null && this.told !== due) play(sign);
     this.told = due;
   }

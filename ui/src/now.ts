@@ -1,5 +1,6 @@
 // "Now": the one large sign, what it is about, and what an operator does.
 import { html, nothing, type TemplateResult } from "lit";
+import { keyed } from "lit/directives/keyed.js";
 import * as api from "./api";
 import type { Backlog, Changed, Last, Now, ObjectTold } from "./api";
 import { platesLimit } from "./configured";
@@ -37,12 +38,13 @@ class NowPart extends Part {
     const look = shown(now);
     const since = now && now.age_ms !== null ? now.age_ms + live.passed() : null;
     const about = [now?.capture ?? "", since === null ? "" : age(since)].filter((text) => text !== "");
-    // The form and the words are told as one; a screen reader says them when they change.
+    // The form and the words are told as one; a screen reader says them when they change, and when the same happens again.
+    const words = keyed(now?.news ?? null, html`<span>${t(`sign_${look}` as Key)}</span>`);
     return html`
       <section class="now sign-${look}" data-sign=${name}>
         ${sign(look)}
         <div>
-          <h1><span role="status" aria-live="assertive">${t(`sign_${look}` as Key)}</span></h1>
+          <h1><span role="status" aria-live="assertive">${words}</span></h1>
           <p class="hint">${t(hint(look, now))}</p>
           ${this.operator && look === "ready_no_plates" ? html`<scand-plates .take=${this.takePlates}></scand-plates>` : nothing}
           ${now ? reasons(name, now) : nothing}
