@@ -149,6 +149,7 @@ export class Viewer {
     canvas.addEventListener("wheel", this.wheel, { capture: true, passive: true });
     canvas.addEventListener("touchstart", this.touched, { passive: false });
     canvas.addEventListener("touchmove", this.touched, { passive: false });
+    canvas.addEventListener("webglcontextrestored", this.restored);
     this.hold(false);
     this.fit();
   }
@@ -208,6 +209,9 @@ export class Viewer {
       this.renderer.render(this.scene, this.camera);
     });
   }
+
+  /** A browser may take the graphics away, from a tablet that slept for example, and give them back empty. */
+  private readonly restored = () => this.draw();
 
   /** Shows the model in one of the ways. */
   show(mode: Mode): void {
@@ -480,6 +484,8 @@ export class Viewer {
   }
 
   private readonly key = (event: KeyboardEvent) => {
+    // With these, keys are the browser's: Ctrl and + makes all of the page larger.
+    if (event.ctrlKey || event.metaKey || event.altKey) return;
     if (event.key === "Enter" && this.isMeasuring) {
       event.preventDefault();
       this.isAiming = true;
@@ -521,6 +527,7 @@ export class Viewer {
     this.canvas.removeEventListener("wheel", this.wheel, { capture: true });
     this.canvas.removeEventListener("touchstart", this.touched);
     this.canvas.removeEventListener("touchmove", this.touched);
+    this.canvas.removeEventListener("webglcontextrestored", this.restored);
     this.controls.dispose();
     for (const mesh of this.meshes) mesh.geometry.dispose();
     this.renderer.dispose();

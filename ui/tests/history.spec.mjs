@@ -210,6 +210,37 @@ test("the keyboard alone measures, from the middle of the picture", async ({ pag
   // Not the same point twice.
   expect(parseFloat(await told.textContent())).toBeGreaterThan(1);
   await expect(page.locator("[data-measure]")).toHaveAttribute("aria-pressed", "false");
+  // With Ctrl, a key is the browser's.
+  const isLeft = (shown) => shown.dispatchEvent(new KeyboardEvent("keydown", { key: "+", ctrlKey: true, cancelable: true }));
+  expect(await canvas.evaluate(isLeft)).toBe(true);
+  await expect(canvas).toHaveAttribute("data-zoom", "1.00");
+});
+
+test("a model is drawn again when the browser took the graphics away and gave them back", async ({ page, rig, expected }) => {
+  expected.push("CONTEXT_LOST");
+  const canvas = await openModel(page, rig);
+  const drawn = await canvas.evaluate(async (shown) => {
+    const context = shown.getContext("webgl2");
+    const graphics = context.getExtension("WEBGL_lose_context");
+    const heard = (name) => new Promise((done) => shown.addEventListener(name, () => setTimeout(done, 100), { once: true }));
+    const lost = heard("webglcontextlost");
+    graphics.loseContext();
+    await lost;
+    let draws = 0;
+    for (const name of ["drawElements", "drawArrays"]) {
+      const draw = context[name];
+      context[name] = (...how) => {
+        draws++;
+        draw.apply(context, how);
+      };
+    }
+    const restored = heard("webglcontextrestored");
+    graphics.restoreContext();
+    await restored;
+    for (let n = 0; n < 50 && draws === 0; n++) await new Promise((done) => setTimeout(done, 100));
+    return draws;
+  });
+  expect(drawn).toBeGreaterThan(0);
 });
 
 test.describe("with a finger", () => {
