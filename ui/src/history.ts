@@ -1,6 +1,7 @@
 // "History": recordings, and the captures of one as a strip of previews with their verdicts.
 import { html, nothing, type TemplateResult } from "lit";
 import * as api from "./api";
+import { moment, since } from "./clock";
 import { Part } from "./element";
 import { live } from "./live";
 import { sign } from "./signs";
@@ -68,8 +69,8 @@ class HistoryPart extends Part {
   private shown = "";
   /** Which recording the captures are of. */
   private listed = "";
-  /** When the ages of what is in progress were told, by the monotonic clock. */
-  private heard = 0;
+  /** When the ages of what is in progress were told. */
+  private heard = moment();
   /** Numbers of the last question, and of the last one whose answer is shown. */
   private asked = 0;
   private answered = 0;
@@ -116,7 +117,7 @@ class HistoryPart extends Part {
       this.listed = chosen;
       this.captures = listed.captures;
       this.left = [found.all - found.recordings.length, listed.all - listed.captures.length];
-      this.heard = performance.now();
+      this.heard = moment();
       this.seen = found.seen.filter((seen) => !["green", "amber", "red"].includes(seen.sign));
       this.error = "";
     } catch (error) {
@@ -136,7 +137,7 @@ class HistoryPart extends Part {
   }
 
   private open(): TemplateResult {
-    const passed = performance.now() - this.heard;
+    const passed = since(this.heard);
     return html`
       <h2>${t("in_progress")}</h2>
       <ul class="open">

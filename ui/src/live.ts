@@ -3,14 +3,14 @@
 // event `change` tells that something else may hold, `lost` that the stream broke off, `back` that there is a word again after
 // a time when nothing was known.
 import type { Now } from "./api";
+import { type Moment, moment, since } from "./clock";
 
 const STALE_MS = 10_000;
 const AGAIN_MS = 5_000;
 
 interface Heard {
   now: Now;
-  monotonic: number;
-  wall: number;
+  at: Moment;
 }
 
 export class Live extends EventTarget {
@@ -38,13 +38,12 @@ export class Live extends EventTarget {
   clock(): number | null {
     const told = this.now()?.clock_ms;
     if (!this.heard || told === undefined) return null;
-    return Math.round(told + performance.now() - this.heard.monotonic);
+    return Math.round(told + performance.now() - this.heard.at.monotonic);
   }
 
   /** Milliseconds since the last word of the process. */
   passed(): number {
-    if (!this.heard) return Infinity;
-    return Math.max(performance.now() - this.heard.monotonic, Date.now() - this.heard.wall);
+    return this.heard ? since(this.heard.at) : Infinity;
   }
 
   private open(): void {
@@ -56,7 +55,7 @@ export class Live extends EventTarget {
       const now = JSON.parse((event as MessageEvent<string>).data) as Now;
       const isBack = this.hasHeard && this.now() === null;
       this.hasHeard = true;
-      this.heard = { now, monotonic: performance.now(), wall: Date.now() };
+      this.heard = { now, at: moment() };
       this.changed();
       if (isBack) this.dispatchEvent(new Event("back"));
     });

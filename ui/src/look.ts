@@ -2,6 +2,7 @@
 // was heard for ten seconds, none is shown; one that is older than the cameras' turns explain has a warning.
 import { html, nothing, svg, type SVGTemplateResult, type TemplateResult } from "lit";
 import * as api from "./api";
+import { type Moment, moment, since } from "./clock";
 import { Part } from "./element";
 import { age, type Key, t } from "./words";
 import { said } from "./words/said";
@@ -21,8 +22,8 @@ interface Shown {
   camera: string;
   look: api.CameraLook;
   url: string | null;
-  /** When it was exposed, by the monotonic clock of this browser. */
-  at: number;
+  /** When it arrived, at the age that it has. */
+  at: Moment;
 }
 
 class LookPart extends Part {
@@ -33,7 +34,7 @@ class LookPart extends Part {
   private readonly shown = new Map<string, Shown>();
   private isShown = false;
   private number = 0;
-  private heard = 0;
+  private heard = moment();
 
   constructor() {
     super();
@@ -55,7 +56,7 @@ class LookPart extends Part {
   }
 
   private async run(): Promise<void> {
-    this.heard = performance.now();
+    this.heard = moment();
     while (this.isShown) {
       if (document.hidden) {
         await pause(AGAIN_MS);
@@ -72,8 +73,7 @@ class LookPart extends Part {
   }
 
   private take(found: api.Look): void {
-    const now = performance.now();
-    this.heard = now;
+    this.heard = moment();
     this.problem = found.problem ?? "";
     this.good = found.good;
     if (found.problem || found.number < this.number) this.forget();
@@ -82,7 +82,7 @@ class LookPart extends Part {
     for (const [camera, look] of Object.entries(found.cameras)) {
       const url = look.picture ? URL.createObjectURL(blob(look.picture)) : null;
       this.drop(camera);
-      this.shown.set(camera, { camera, look, url, at: now - look.age_ms });
+      this.shown.set(camera, { camera, look, url, at: this.heard });
     }
   }
 
@@ -107,7 +107,7 @@ class LookPart extends Part {
   }
 
   render(): TemplateResult {
-    if (performance.now() - this.heard > GONE_MS) this.forget();
+    if (since(this.heard) > GONE_MS) this.forget();
     const all = [...this.shown.values()].sort((a, b) => a.camera.localeCompare(b.camera));
     return html`
       <h1>${t("look")}</h1>
@@ -126,7 +126,7 @@ class LookPart extends Part {
   private card(shown: Shown): TemplateResult {
     const { camera, look, url } = shown;
     const isLarge = this.large === camera;
-    const passed = performance.now() - shown.at;
+    const passed = since(shown.at) + look.age_ms;
     const turn = () => {
       this.large = isLarge ? "" : camera;
     };

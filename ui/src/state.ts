@@ -1,6 +1,7 @@
 // "State": cameras with their settings as read back, disk, models, background pictures, and what to do for what is wrong.
 import { html, nothing, type TemplateResult } from "lit";
 import * as api from "./api";
+import { type Moment, moment, since } from "./clock";
 import { platesLimit } from "./configured";
 import { Part } from "./element";
 import { backlog, platesAge } from "./now";
@@ -41,14 +42,16 @@ class StatePart extends Part {
   static properties = { me: { attribute: false }, status: { state: true }, heard: { state: true }, error: { state: true } };
   declare me: api.Me;
   declare status: Status | null;
-  declare heard: number;
+  /** When the status arrived; and how old it was then, in milliseconds. */
+  declare heard: Moment;
   declare error: string;
+  private age_ms = 0;
   private timer = 0;
 
   constructor() {
     super();
     this.status = null;
-    this.heard = 0;
+    this.heard = moment();
     this.error = "";
   }
 
@@ -67,7 +70,8 @@ class StatePart extends Part {
     try {
       const found = await api.state();
       this.status = found.status as Status | null;
-      this.heard = performance.now() - (found.age_ms ?? 0);
+      this.heard = moment();
+      this.age_ms = found.age_ms ?? 0;
       this.error = this.status ? "" : t("error_away");
     } catch (error) {
       this.status = null;
@@ -107,7 +111,7 @@ class StatePart extends Part {
       <ul class="cameras">
         ${Object.entries(status.cameras ?? {}).map(([id, camera]) => this.camera(id, camera))}
       </ul>
-      <p class="quiet">${t("updated", { age: age(performance.now() - this.heard) })}</p>
+      <p class="quiet">${t("updated", { age: age(since(this.heard) + this.age_ms) })}</p>
     `;
   }
 

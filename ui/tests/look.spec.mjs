@@ -93,9 +93,10 @@ test("a picture is old only if it is older than the cameras' turns make it", asy
   const look = (age_ms) => ({ age_ms, picture, seen, words: null });
   const eleven = (age_ms) => Object.fromEntries(Array.from({ length: 11 }, (_, n) => [`c${n}`, look(age_ms)]));
   let cameras = eleven(7600);
-  let number = 0;
+  let [number, isSilent] = [0, false];
   await page.route(/\/api\/look\?/, async (route) => {
     await new Promise((done) => setTimeout(done, 300));
+    if (isSilent) return;
     await route.fulfill({ json: { number: ++number, problem: null, cameras, good: {} } }).catch(() => {});
   });
   await page.getByRole("link", { name: "Look" }).click();
@@ -103,6 +104,14 @@ test("a picture is old only if it is older than the cameras' turns make it", asy
   await expect(page.locator(".look p.warning")).toHaveCount(0);
   cameras = eleven(20_000);
   await expect(page.locator(".look p.warning")).toHaveCount(11);
+  // A tablet that slept, whose monotonic clock stood still, shows none when it wakes.
+  isSilent = true;
+  await page.waitForTimeout(500);
+  await page.evaluate(() => {
+    const now = Date.now.bind(Date);
+    Date.now = () => now() + 3_600_000;
+  });
+  await expect(page.locator(".look")).toHaveCount(0, { timeout: 5000 });
 });
 
 test("a look tells what is wrong with a picture, how old it is, and why there is none", async ({ page, rig }) => {
