@@ -18,6 +18,8 @@ const LASTS: Duration = Duration::from_secs(5);
 const PATIENCE: Duration = Duration::from_secs(3);
 /// Pause after the daemon refused, or was away.
 const PAUSE: Duration = Duration::from_secs(1);
+/// How long it is believed which capture was the last good one.
+const GOOD: Duration = Duration::from_secs(if cfg!(test) { 1 } else { 10 });
 /// Most cameras that are kept.
 const MOST_CAMERAS: usize = 64;
 
@@ -94,16 +96,32 @@ impl Look {
             {
                 return;
             }
-            let models = models.clone();
-            let good = tokio::task::spawn_blocking(move || models.good_sharpness()).await;
-            self.state.lock().good = good.unwrap_or_default();
-            let ended = self.listen(daemon).await;
+            self.read_good(models).await;
+            let ended = tokio::select! {
+                ended = self.listen(daemon) => ended,
+                () = self.keep_good(models) => Ok(()),
+            };
             let has_failed = ended.is_err();
             self.forget(ended.err());
             if has_failed {
                 sleep(PAUSE).await;
             }
         }
+    }
+
+    /// Reads how sharp the pictures of the last good capture were, for ever: it may be one that is taken while somebody
+    /// looks.
+    async fn keep_good(&self, models: &Models) {
+        loop {
+            sleep(GOOD).await;
+            self.read_good(models).await;
+        }
+    }
+
+    async fn read_good(&self, models: &Models) {
+        let models = models.clone();
+        let good = tokio::task::spawn_blocking(move || models.good_sharpness()).await;
+        self.state.lock().good = good.unwrap_or_default();
     }
 
     /// Drops all pictures, and keeps why there are no more.

@@ -61,6 +61,21 @@ fn viewers_see_pictures_and_nobody_without_a_session_does() {
 }
 
 #[test]
+fn the_last_good_capture_is_found_while_somebody_looks() {
+    let page = Page::start();
+    let viewer = page.session(Role::Viewer);
+    let begun = look_until(&page, &viewer, |found| {
+        found["cameras"]["c00"]["picture"] == "AAAA"
+    });
+    assert_eq!(begun["good"], serde_json::json!({}));
+    let report = r#"{"verdict":{"level":"green"},"color_cameras":[{"camera":"c00","sharpness_percent":61}]}"#;
+    let path = page.root.path().join("models/a/a-0001/report.json");
+    std::fs::write(path, report).unwrap();
+    look_until(&page, &viewer, |found| found["good"]["c00"] == 61);
+    assert_eq!(page.daemon.most_looking.load(Ordering::SeqCst), 1);
+}
+
+#[test]
 fn many_who_look_take_one_connection_which_ends_after_them() {
     let page = Arc::new(Page::start());
     let viewer = page.session(Role::Viewer);
