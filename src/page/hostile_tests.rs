@@ -306,6 +306,17 @@ fn no_path_leads_out_and_nothing_is_told_without_a_session() {
         let found = page.get(&path, &cookie);
         assert_eq!((found.status, found.body.trim()), (200, "[]"), "{path}");
     }
+    // One that is no recording cannot give any, and what is no model has no surface.
+    std::fs::write(recordings.join("c.mcap"), "no recording").unwrap();
+    for path in [
+        "/api/models/c/a-0001/photographs",
+        "/api/models/c/a-0001/photographs/c00",
+        "/api/models/a/a-0001/difference/a/a-0001",
+    ] {
+        let unmade = page.get(path, &cookie);
+        assert_eq!(unmade.status, 503, "{path}");
+        assert!(unmade.body.contains(r#""code":"unmade""#), "{path}");
+    }
     let model = page.get("/api/models/a/a-0001/model.glb", &cookie);
     assert_eq!((model.status, model.body.len()), (200, 300_000));
     assert!(

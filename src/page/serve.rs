@@ -177,7 +177,7 @@ async fn prepare(app: &App) {
             let make = move || {
                 let views = views?;
                 for view in [View::Model, View::Thumbnail] {
-                    views.get(&models, &recording, &capture, view);
+                    let _ = views.get(&models, &recording, &capture, view);
                 }
                 Some(())
             };

@@ -100,6 +100,18 @@ impl View {
     }
 }
 
+/// A view that is open, its size in bytes, and a tag that changes with it.
+pub(super) type OpenView = (File, u64, String);
+
+/// Why there is no view.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Missing {
+    /// What it would be made of is not there.
+    Source,
+    /// It could not be made; the log says why, unless what it is made of is too large.
+    Unmade,
+}
+
 /// The views that were made, and how others are made.
 pub(super) struct Views {
     folder: PathBuf,
@@ -141,16 +153,19 @@ impl Views {
         self.cancel.cancel();
     }
 
-    /// A view of a capture's model, its size in bytes, and a tag that changes with it. It is made if it is not there
-    /// yet, which takes some tenths of a second; none if it cannot be made.
+    /// A view of a capture's model. It is made if it is not there yet, which takes some tenths of a second.
+    ///
+    /// # Errors
+    /// If there is no such model, or the view cannot be made.
     pub(super) fn get(
         &self,
         models: &Models,
         recording: &str,
         capture: &str,
         view: View,
-    ) -> Option<(File, u64, String)> {
-        let (source, size, tag) = models.open(recording, capture, view.source())?;
+    ) -> Result<OpenView, Missing> {
+        let source = models.open(recording, capture, view.source());
+        let (source, size, tag) = source.ok_or(Missing::Source)?;
         let of = format!("{recording}/{capture}");
         let text = format!("{VERSION} {recording} {capture} {} {tag}", view.form());
         self.obtain(&text, &of, &[view.form()], size, || Ok(source))
@@ -158,13 +173,20 @@ impl Views {
 
     /// How far the surfaces of two models are apart, each given by its recording and its name, as [`Self::get`] gives a
     /// view.
+    ///
+    /// # Errors
+    /// As [`Self::get`].
     pub(super) fn difference(
         &self,
         models: &Models,
         [a, b]: [[&str; 2]; 2],
-    ) -> Option<(File, u64, String)> {
-        let (of_a, size_a, tag_a) = models.open(a[0], a[1], ModelFile::Glb)?;
-        let (of_b, size_b, tag_b) = models.open(b[0], b[1], ModelFile::Glb)?;
+    ) -> Result<OpenView, Missing> {
+        let open = |[recording, name]: [&str; 2]| {
+            let opened = models.open(recording, name, ModelFile::Glb);
+            opened.ok_or(Missing::Source)
+        };
+        let (of_a, size_a, tag_a) = open(a)?;
+        let (of_b, size_b, tag_b) = open(b)?;
         let (a, b) = (a.join("/"), b.join("/"));
         let of = format!("{a} and {b}");
         let text = format!("{VERSION} {a} {b} {DIFFERENCE} {tag_a} {tag_b}");
@@ -175,17 +197,21 @@ impl Views {
     }
 
     /// The photographs of a capture, or that of one camera, as [`Self::get`] gives a view.
+    ///
+    /// # Errors
+    /// If there is no such recording, or the photographs cannot be had from it.
     pub(super) fn photographs(
         &self,
         recording: &str,
         capture: &str,
         camera: Option<&str>,
-    ) -> Option<(File, u64, String)> {
+    ) -> Result<OpenView, Missing> {
         let are_names = is_name(capture) && camera.is_none_or(is_name);
         if !are_names {
-            return None;
+            return Err(Missing::Source);
         }
-        let OpenRecording { file, name, tag } = self.recordings.open(recording)?;
+        let recorded = self.recordings.open(recording);
+        let OpenRecording { file, name, tag } = recorded.ok_or(Missing::Source)?;
         let of = format!("{recording}/{capture}");
         let one = camera.unwrap_or("*");
         let text = format!("{VERSION} {recording} {capture} {one} {PHOTOGRAPHS} {tag}");
@@ -229,7 +255,7 @@ impl Views {
         form: &[&str],
         size: u64,
         source: impl FnOnce() -> io::Result<File>,
-    ) -> Option<(File, u64, String)> {
+    ) -> Result<OpenView, Missing> {
         let key = format!("{:x}", Sha256::digest(text));
         let tag = format!("\"{}\"", &key[..32]);
         let made = self.made(&key).or_else(|| {
@@ -256,8 +282,8 @@ impl Views {
             }
             self.made(&key)
         });
-        let (file, size) = made?;
-        Some((file, size, tag))
+        let (file, size) = made.ok_or(Missing::Unmade)?;
+        Ok((file, size, tag))
     }
 
     fn made(&self, key: &str) -> Option<(File, u64)> {
@@ -397,8 +423,8 @@ mod tests {
         (root, views, models)
     }
 
-    fn text(found: Option<(File, u64, String)>) -> Option<String> {
-        let (mut file, size, _) = found?;
+    fn text(found: Result<OpenView, Missing>) -> Option<String> {
+        let (mut file, size, _) = found.ok()?;
         let mut text = String::new();
         file.read_to_string(&mut text).unwrap();
         assert_eq!(text.len() as u64, size);
@@ -421,8 +447,10 @@ mod tests {
         assert_eq!(text(get()).unwrap(), "glTF2model\n");
         assert_ne!(get().unwrap().2, tag);
         assert_eq!(runs(&root), 2);
-        assert!(views.get(&models, "a", "a-0001", View::Thumbnail).is_none());
-        assert!(views.get(&models, "..", "a-0001", View::Model).is_none());
+        for (recording, view) in [("a", View::Thumbnail), ("..", View::Model)] {
+            let found = views.get(&models, recording, "a-0001", view);
+            assert_eq!(found.err(), Some(Missing::Source), "{recording}");
+        }
         assert_eq!(runs(&root), 2);
     }
 
@@ -468,7 +496,7 @@ mod tests {
             let (root, views, models) = stand(script);
             for _ in 0..3 {
                 let found = views.get(&models, "a", "a-0001", View::Model);
-                assert!(text(found).is_none(), "{script}");
+                assert_eq!(found.err(), Some(Missing::Unmade), "{script}");
             }
             assert_eq!(files(&root.path().join("cache")).count(), 0, "{script}");
             assert_eq!(runs(&root), 1, "{script}");
@@ -493,7 +521,7 @@ mod tests {
     fn one_that_is_being_made_is_not_waited_for_when_the_page_ends() {
         let (root, views, models) = stand("sleep 600");
         std::thread::scope(|scope| {
-            let made = scope.spawn(|| views.get(&models, "a", "a-0001", View::Model).is_some());
+            let made = scope.spawn(|| views.get(&models, "a", "a-0001", View::Model).is_ok());
             until("nothing is being made", || runs(&root) == 1);
             let ended = Instant::now();
             views.end();

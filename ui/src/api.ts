@@ -205,6 +205,7 @@ export class Refused extends Error {
     if (this.code === "unsure") return t("error_unsure");
     if (this.code === "full") return t("error_full");
     if (this.code === "late") return t("error_late");
+    if (this.code === "unmade") return t("error_unmade");
     if (this.code === "viewer") return t("error_viewer");
     if (this.code === "network") return t("error_network");
     return t("error_other", { reason: said(this.reason) });

@@ -7,7 +7,7 @@ use super::{App, HttpRequest};
 use crate::page::models::{ModelFile, Models};
 use crate::page::now::CaptureEntry;
 use crate::page::secrets::Hash;
-use crate::page::views::{View, Views};
+use crate::page::views::{Missing, OpenView, View, Views};
 use axum::body::{Body, Bytes};
 use axum::extract::{Path, State};
 use axum::http::{HeaderMap, HeaderValue, StatusCode, header};
@@ -211,17 +211,17 @@ async fn made(
     app: &App,
     headers: &HeaderMap,
     media_type: &'static str,
-    make: impl FnOnce(&Views) -> Option<(File, u64, String)> + Send + 'static,
+    make: impl FnOnce(&Views) -> Result<OpenView, Missing> + Send + 'static,
 ) -> Result<Response, Refusal> {
     let slot = tokio::time::timeout(WAIT, app.small.clone().acquire_owned()).await;
     let slot = slot.map_err(|_| full())?.map_err(|_| full())?;
     let views = app.views.clone();
     let made = move || {
-        let views = views?;
+        let views = views.ok_or(Missing::Unmade)?;
         make(&views)
     };
     let (made, slot) = blocking_with(slot, made).await?;
-    let (file, size, tag) = made.ok_or_else(no_model)?;
+    let (file, size, tag) = made.map_err(missing)?;
     let mut response = if is_known(headers, &tag) {
         unchanged()
     } else {
@@ -282,7 +282,7 @@ async fn small(
     let is_gzip = view == View::Model;
     // Where gzip is not taken, the cache has nothing to give.
     let views = views.filter(|_| !is_gzip || takes_gzip(headers));
-    let make = move || views?.get(&models, &names.0, &names.1, view);
+    let make = move || views?.get(&models, &names.0, &names.1, view).ok();
     let (made, slot) = blocking_with(slot, make).await?;
     let Some((file, size, tag)) = made else {
         drop(slot);
@@ -316,6 +316,16 @@ fn full() -> Refusal {
 fn no_model() -> Refusal {
     let words = "there is no such capture or file";
     Refusal::new(StatusCode::NOT_FOUND, "not_found", words)
+}
+
+fn missing(why: Missing) -> Refusal {
+    match why {
+        Missing::Source => no_model(),
+        Missing::Unmade => {
+            let words = "it could not be made: the page's log says why, unless its files have more than 64 MB";
+            Refusal::new(StatusCode::SERVICE_UNAVAILABLE, "unmade", words)
+        }
+    }
 }
 
 fn is_known(headers: &HeaderMap, tag: &str) -> bool {
@@ -487,7 +497,7 @@ mod tests {
                 let gate = gate.clone();
                 let make = move |_: &Views| {
                     drop(gate.lock());
-                    None
+                    Err(Missing::Source)
                 };
                 let headers = HeaderMap::new();
                 let abandoned = made(&app, &headers, "image/jpeg", make);

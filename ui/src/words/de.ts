@@ -360,6 +360,7 @@ export const de: Words = {
   error_viewer: "Sie sind zum Zusehen angemeldet und können nichts ändern: öffnen Sie einen Link für Bediener (scand page pair).",
   error_unsure: "Der Dienst sagte nicht rechtzeitig, was aus dem Druck wurde: sehen Sie im Verlauf nach, bevor Sie wieder drücken.",
   error_late: "Der Druck kam mehr als zehn Sekunden zu spät an und löste nichts aus: sehen Sie nach, ob es eine neue Aufnahme gibt, bevor Sie wieder drücken.",
+  error_unmade: "Das misslang: warum, steht im Protokoll der Seite (journalctl -u scand-page auf dem Rechner der Anlage), wenn nicht die Dateien mehr als 64 MB haben.",
   error_network: "Der Rechner der Anlage antwortet nicht.",
   error_other: "Es wurde abgelehnt: {reason}",
   held_silhouettes: "Ihre Lage zeigen die Silhouetten.",

@@ -358,6 +358,7 @@ export const en = {
   error_viewer: "You are signed in as a viewer, who cannot change anything: open an operator's link (scand page pair).",
   error_unsure: "The daemon did not say in time what became of the press: look at the history before you press again.",
   error_late: "The press arrived more than ten seconds late and began nothing: look whether there is a new capture before you press again.",
+  error_unmade: "It could not be made: the page's log says why, unless its files have more than 64 MB (journalctl -u scand-page on the rig's computer).",
   error_network: "The rig's computer does not answer.",
   error_other: "It was refused: {reason}",
   held_silhouettes: "Its pose was found by silhouettes.",
