@@ -26,6 +26,8 @@ class Shown {
   private readonly legend = element("ul", "", { class: "legend" });
   private viewer: Viewer | null = null;
   private mode: Mode = "textured";
+  /** Ends when all levels that were asked for so far were loaded, or failed. */
+  private loads: Promise<unknown> = Promise.resolve();
 
   constructor(
     private readonly section: Element,
@@ -75,9 +77,9 @@ class Shown {
     const all = further.at(-1);
     if (!all) return;
     const button = element("button", en.view_full.replace("{size}", all.words), { "data-full": "" });
-    button.addEventListener("click", () => {
+    button.addEventListener("click", async () => {
       button.disabled = true;
-      void this.load(all.address);
+      button.disabled = await this.load(all.address);
     });
     this.buttons.append(button);
   }
@@ -89,14 +91,23 @@ class Shown {
     this.buttons.append(button);
   }
 
-  private async load(address: string): Promise<void> {
+  /** Loads a level after those that were asked for before, so that the last one stays; whether it is shown now. */
+  private load(address: string): Promise<boolean> {
+    const load = this.loads.then(() => this.replace(address));
+    this.loads = load;
+    return load;
+  }
+
+  private async replace(address: string): Promise<boolean> {
     this.status.textContent = en.viewer_loading;
     try {
       await this.viewer?.load(address);
       this.choose(this.mode);
       this.loaded(address);
+      return true;
     } catch (error) {
       this.status.textContent = en.viewer_failed.replace("{reason}", String(error));
+      return false;
     }
   }
 

@@ -103,8 +103,16 @@ test("a model is shown in each way and at full detail, and measured", async ({ p
   const words = ["silhouettes", "carved by depth", "measured by depth", "interpolated", "a guess", "on the table"];
   await expect(page.locator(".legend li")).toHaveText(words);
   await page.locator("[data-mode=textured]").click();
-  await page.locator("[data-full]").click();
+  // What failed can be asked for again.
+  const full = page.locator("[data-full]");
+  await page.route("**/high.glb", (route) => route.fulfill({ status: 200, contentType: "text/plain", body: "no model" }));
+  await full.click();
+  await expect(page.locator(".viewer [role=status]")).toContainText("cannot be shown");
+  await expect(full).toBeEnabled();
+  await page.unroute("**/high.glb");
+  await full.click();
   await expect(page.locator("canvas[data-loaded='high.glb']")).toBeVisible();
+  await expect(full).toBeDisabled();
   await page.locator("[data-measure]").click();
   const box = await page.locator("canvas").boundingBox();
   for (const dx of [-20, 20]) {
