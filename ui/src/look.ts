@@ -4,7 +4,7 @@ import { html, nothing, svg, type SVGTemplateResult, type TemplateResult } from 
 import * as api from "./api";
 import { type Moment, moment, since } from "./clock";
 import { Part } from "./element";
-import { age, type Key, t } from "./words";
+import { age, type Key, number, t } from "./words";
 import { said } from "./words/said";
 
 /** From when on a picture is old, however few cameras there are. */
@@ -153,7 +153,7 @@ class LookPart extends Part {
     const say = (isFine: boolean, words: string) =>
       facts.push(html`<li class=${isFine ? "" : "warning"}>${isFine ? "✓" : "⚠"} ${words}</li>`);
     if (seen.clipped_ppm !== undefined) {
-      const percent = (seen.clipped_ppm / 10_000).toFixed(seen.clipped_ppm < 10_000 ? 2 : 0);
+      const percent = number(seen.clipped_ppm / 10_000, seen.clipped_ppm < 10_000 ? 2 : 0);
       say(seen.clipped_ppm < CLIPPED_PPM, t("look_clipped", { percent }));
     }
     const good = this.good[camera];
@@ -193,7 +193,7 @@ function overlay(seen: api.Seen): TemplateResult {
 }
 
 function seconds(ms: number): string {
-  return ms < 10_000 ? t("age_seconds", { n: (ms / 1000).toFixed(1) }) : age(ms);
+  return ms < 10_000 ? t("age_seconds", { n: number(ms / 1000, 1) }) : age(ms);
 }
 
 function pause(ms: number): Promise<void> {

@@ -11,7 +11,7 @@ import { decision, link, verdict } from "./history";
 import { live } from "./live";
 import { list } from "./reasons";
 import { shown, sign } from "./signs";
-import { age, isKey, type Key, plain, t } from "./words";
+import { age, counted, isKey, type Key, plain, t } from "./words";
 import { isSaid, said, spoken } from "./words/said";
 
 /** Hours after which a verdict calls background pictures old, by the default of `verdict.background_age_h`. */
@@ -65,7 +65,7 @@ class NowPart extends Part {
     return html`
       <ul>
         <li>${daemon.session ? t("session_open", { name: daemon.session }) : t("session_none")}</li>
-        ${daemon.captures_left === null ? nothing : html`<li>${t("captures_left", { n: daemon.captures_left })}</li>`}
+        ${daemon.captures_left === null ? nothing : html`<li>${counted("captures_left", daemon.captures_left)}</li>`}
         ${daemon.models && !isBehind(now) ? html`<li>${backlog(daemon.models)}</li>` : nothing}
         <li class=${plates === null ? "warning" : ""}>
           ${plates === null ? t("plates_none") : platesAge(plates, daemon.models)}

@@ -5,7 +5,7 @@ import { type Moment, moment, since } from "./clock";
 import { platesLimit } from "./configured";
 import { Part } from "./element";
 import { backlog, platesAge } from "./now";
-import { age, type Key, t } from "./words";
+import { age, counted, type Key, t } from "./words";
 import { named, said, spoken } from "./words/said";
 
 const EVERY_MS = 3000;
@@ -99,7 +99,7 @@ class StatePart extends Part {
         ${todo.length === 0 ? html`<p>${t("todo_nothing")}</p>` : html`<ul>${todo.map((text) => html`<li>${text}</li>`)}</ul>`}
       </section>
       <div class="cards">
-        <section class="card"><h2>${t("disk")}</h2><p>${left === null ? t("disk_unknown") : t("captures_left", { n: left })}</p></section>
+        <section class="card"><h2>${t("disk")}</h2><p>${left === null ? t("disk_unknown") : counted("captures_left", left)}</p></section>
         <section class="card"><h2>${t("models")}</h2><p>${status.models ? backlog(status.models) : t("models_off")}</p></section>
         <section class="card">
           <h2>${t("plates")}</h2>
@@ -139,7 +139,7 @@ class StatePart extends Part {
       found.push(t("todo_versions", { daemon: version, page: this.me.version }));
     }
     const left = room(status);
-    if (left !== null && left < FEW_CAPTURES) found.push(t("todo_disk", { n: left }));
+    if (left !== null && left < FEW_CAPTURES) found.push(counted("todo_disk", left));
     return found;
   }
 

@@ -106,4 +106,8 @@ test("what to do is what is wrong now, as `scand check` judges it, in the page's
     await expect(todo.first()).toContainText("erlaubt sind 100000 ns. Lassen Sie im Netz der Kameras"); // German
     await expect(todo.locator("[lang=en]")).toHaveText(["its lens is warm"]);
   });
+  status.captures_left = 1;
+  await expect(todo.last()).toHaveText(/^Only 1 capture fits on the disk: /);
+  await expect(main).toContainText("Room for 1 capture");
+  await expect(main).not.toContainText("Room for 1 captures");
 });

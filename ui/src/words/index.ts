@@ -39,6 +39,12 @@ export function t(key: Key, values: Record<string, string | number> = {}): strin
   return text.replace(/\{(\w+)\}/g, (whole, name: string) => (name in values ? String(values[name]) : whole));
 }
 
+/** Words with a number `n`; there are words of their own for one. */
+export function counted(key: Key, n: number): string {
+  const one = `${key}_one`;
+  return n === 1 && isKey(one) ? t(one) : t(key, { n });
+}
+
 /** A number as the page's language writes it, with a number of digits behind the decimal separator. */
 export function number(value: number, digits: number): string {
   return format(value, digits, "auto");
