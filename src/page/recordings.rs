@@ -11,6 +11,11 @@ use std::time::UNIX_EPOCH;
 /// Endings of a complete recording, and of one that is being written.
 const ENDINGS: [&str; 2] = [".mcap", ".mcap.part"];
 
+/// Whether nothing is added to a file of this name any more.
+pub(super) fn is_complete(name: &str) -> bool {
+    name.ends_with(ENDINGS[0])
+}
+
 /// The folder of recordings.
 #[derive(Clone, Debug)]
 pub(super) struct Recordings {

@@ -4,7 +4,7 @@
 //! may be removed at any time. This process decodes nothing.
 
 use super::models::{ModelFile, Models, is_name};
-use super::recordings::{OpenRecording, Recordings};
+use super::recordings::{OpenRecording, Recordings, is_complete};
 use crate::clock::Clock;
 use crate::log;
 use crate::process::{Cancel, Child, ChildExit, last_line};
@@ -28,6 +28,8 @@ pub const FORM: &str = "form";
 pub const DIFFERENCE: &str = "difference";
 /// The form that has a capture's photographs, or only that of one camera.
 pub const PHOTOGRAPHS: &str = "photographs";
+/// What that form is where there are none.
+pub(super) const NO_PHOTOGRAPHS: &str = "[]\n";
 /// The option for the name of the recording's file.
 pub const RECORDING: &str = "recording";
 /// The option for the capture.
@@ -223,7 +225,13 @@ impl Views {
         options.extend(camera.map(|camera| format!("--{CAMERA}={camera}")));
         let options: Vec<&str> = options.iter().map(String::as_str).collect();
         // However large the recording is, little of it is read.
-        self.obtain(&text, &of, &options, 0, || Ok(file))
+        let view = self.obtain(&text, &of, &options, 0, || Ok(file))?;
+        let is_empty = camera.is_none() && view.1 == NO_PHOTOGRAPHS.len() as u64;
+        if is_empty && !is_complete(&name) {
+            // The capture may be taken yet. What is open can be read all the same.
+            let _ = std::fs::remove_file(self.folder.join(key_of(&text)));
+        }
+        Ok(view)
     }
 
     /// One file with two models: how many bytes the first has, it, and the second.
@@ -256,8 +264,7 @@ impl Views {
         size: u64,
         source: impl FnOnce() -> io::Result<File>,
     ) -> Result<OpenView, Missing> {
-        let key = format!("{:x}", Sha256::digest(text));
-        let tag = format!("\"{}\"", &key[..32]);
+        let key = key_of(text);
         let made = self.made(&key).or_else(|| {
             if size > LARGEST_SOURCE {
                 return None;
@@ -283,6 +290,8 @@ impl Views {
             self.made(&key)
         });
         let (file, size) = made.ok_or(Missing::Unmade)?;
+        // What was made while a recording grew, and was not kept, has another size.
+        let tag = format!("\"{}-{size:x}\"", &key[..32]);
         Ok((file, size, tag))
     }
 
@@ -377,6 +386,11 @@ fn arguments(form: &[&str]) -> Vec<OsString> {
     ];
     arguments.extend(form.iter().map(OsString::from));
     arguments
+}
+
+/// The name in the cache of what is made of a text.
+fn key_of(text: &str) -> String {
+    format!("{:x}", Sha256::digest(text))
 }
 
 fn is_part(path: &Path) -> bool {
@@ -488,6 +502,32 @@ mod tests {
         assert_eq!(one, expected);
         assert!(get("../a", None).is_none() && get("a-0001", Some("../c00")).is_none());
         assert_eq!(runs(&root), 2);
+    }
+
+    #[test]
+    fn that_there_are_no_photographs_is_kept_of_a_complete_recording_alone() {
+        let (root, views, _) = stand("[ $(wc -c) -gt 4 ] && echo photographs || echo '[]'");
+        let folder = root.path().join("recordings");
+        std::fs::create_dir(&folder).unwrap();
+        let get = || views.photographs("a", "a-0001", None);
+        std::fs::write(folder.join("a.mcap.part"), "MCAP").unwrap();
+        assert_eq!(text(get()).unwrap(), NO_PHOTOGRAPHS);
+        let tag = get().unwrap().2;
+        assert_eq!(runs(&root), 2);
+        // The capture is taken, in the same file.
+        let grown = File::options()
+            .append(true)
+            .open(folder.join("a.mcap.part"));
+        grown.unwrap().write_all(b"MCAP").unwrap();
+        assert_eq!(text(get()).unwrap(), "photographs\n");
+        assert_ne!(get().unwrap().2, tag, "a browser would keep what it has");
+        assert_eq!(runs(&root), 3);
+        std::fs::write(folder.join("b.mcap"), "MCAP").unwrap();
+        for _ in 0..2 {
+            let none = views.photographs("b", "b-0001", None);
+            assert_eq!(text(none).unwrap(), NO_PHOTOGRAPHS);
+        }
+        assert_eq!(runs(&root), 4);
     }
 
     #[test]

@@ -7,7 +7,7 @@ use super::{App, HttpRequest};
 use crate::page::models::{ModelFile, Models};
 use crate::page::now::CaptureEntry;
 use crate::page::secrets::Hash;
-use crate::page::views::{Missing, OpenView, View, Views};
+use crate::page::views::{Missing, NO_PHOTOGRAPHS, OpenView, View, Views};
 use axum::body::{Body, Bytes};
 use axum::extract::{Path, State};
 use axum::http::{HeaderMap, HeaderValue, StatusCode, header};
@@ -183,7 +183,9 @@ pub(super) async fn photographs(
         let sent = made(&app, &headers, media_type, make).await;
         // A recording that is not there any more is no error: then there are none.
         match sent {
-            Err(refusal) if refusal.is_not_found() => Ok(typed(media_type, Body::from("[]\n"))),
+            Err(refusal) if refusal.is_not_found() => {
+                Ok(typed(media_type, Body::from(NO_PHOTOGRAPHS)))
+            }
             sent => sent,
         }
     };
