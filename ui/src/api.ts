@@ -381,7 +381,7 @@ export async function remake(capture: string, settings: Record<string, number | 
   return (await post("/api/remake", { capture, settings })) as Answer;
 }
 
-/** Presses; `pressed_ms` is when somebody did, by the clock of the page's process, and is not sent if it is not known. */
+/** Presses; `pressed_ms` is when somebody did, by the clock of the page's process; it is sent only if it is known. */
 export async function sendPress(press_id: string, subject: string, placement: string, pressed_ms: number | null): Promise<Answer> {
   return (await post("/api/press", { press_id, subject, placement, pressed_ms: pressed_ms ?? undefined })) as Answer;
 }

@@ -1,5 +1,5 @@
-// How much time passed, by the monotonic or by the wall clock, whichever shows more: the first stands still while a tablet
-// sleeps, and the second may be set back.
+// How much time passed, by the monotonic or by the wall clock, whichever shows more: the first stands still while a
+// tablet sleeps, and the second may be set back.
 
 /** A moment by both clocks. */
 export interface Moment {

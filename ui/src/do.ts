@@ -156,7 +156,7 @@ export class DoPart extends Part {
     this.offerNumber(subject);
   }
 
-  /** The next number takes the place of the one that was sent. Whoever types something else meanwhile goes on with that. */
+  /** The next number takes the place of the one that was sent. Whoever types something else meanwhile goes on. */
   private offerNumber(sent: string): void {
     const field = this.number();
     const active = document.activeElement;

@@ -1,7 +1,7 @@
 // What holds now, as the process tells it in a stream. What is shown counts as known only while the stream is alive: after
 // ten seconds without a word, by the monotonic or by the wall clock (a tablet that slept), nothing is known any more. The
-// event `change` tells that something else may hold, `lost` that the stream broke off, `back` that there is a word again after
-// a time when nothing was known.
+// event `change` tells that something else may hold, `lost` that the stream broke off, `back` that something is known
+// again after a time when nothing was.
 import type { Now } from "./api";
 import { type Moment, moment, since } from "./clock";
 

@@ -38,7 +38,8 @@ class NowPart extends Part {
     const look = shown(now);
     const since = now && now.age_ms !== null ? now.age_ms + live.passed() : null;
     const about = [now?.capture ?? "", since === null ? "" : age(since)].filter((text) => text !== "");
-    // The form and the words are told as one; a screen reader says them when they change, and when the same happens again.
+    // The form and the words are told as one; a screen reader says them when they change, and when the same happens
+    // again.
     const words = keyed(now?.news ?? null, html`<span>${t(`sign_${look}` as Key)}</span>`);
     return html`
       <section class="now sign-${look}" data-sign=${name}>

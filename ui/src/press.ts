@@ -1,6 +1,6 @@
 // A press: its id is made before it is sent, so that however often it is sent, it is one press. It is sent again for ten
-// seconds while the connection is broken; after that the person decides, for hands may be in the picture again. With it goes
-// when it was, so that the page's process takes none that was on its way for longer.
+// seconds while the connection is broken; after that the person decides, for hands may be in the picture again. With it
+// goes when it was, so that the page's process takes none that was on its way for longer.
 import { type Answer, Refused, sendPress } from "./api";
 import { live } from "./live";
 

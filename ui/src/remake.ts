@@ -18,7 +18,7 @@ const NUMBERS: [string, Key, Key, number, number, number, number][] = [
   ["silhouette.smallest_hole_px", "remake_hole", "remake_hole_hint", 0, 10_000, 1, 40],
 ];
 
-/** For how long a status may tell what was so before a model was asked for: the page's process waits that long for one. */
+/** How late a status from before a model was asked for may arrive: the page's process waits so long for one. */
 const STATUS_MS = 3000;
 
 /** What the daemon says that models are made with; nothing of a daemon of an earlier version. */
