@@ -165,7 +165,7 @@ impl Daemon {
     }
 
     /// Marks the capture that was taken last as rejected, also if it failed or is on its way to the disk; `None` if
-    /// there was none since this program started.
+    /// there was none since this program started, or since a daemon was last told to stop.
     ///
     /// # Errors
     /// If the daemon cannot be reached.
@@ -207,6 +207,8 @@ impl Daemon {
                 Ok(ListeningEnd::Enough) => false,
                 Ok(ListeningEnd::Ending) => {
                     self.answered.store(false, Ordering::Release);
+                    // Captures that the next daemon takes for other clients may not be heard of.
+                    self.taken.lock().clear();
                     let goes_on = go_on(DaemonState::Ended);
                     self.wait_for_another();
                     goes_on
@@ -418,6 +420,27 @@ mod tests {
         std::fs::remove_file(&socket).unwrap();
         let away = found.recv().unwrap();
         assert!(away.contains("Away"), "{away}");
+    }
+
+    #[test]
+    fn what_a_daemon_took_before_it_was_told_to_end_is_not_rejected_afterwards() {
+        let folder = tempfile::tempdir().unwrap();
+        let socket = folder.path().join("s");
+        let captured = r#"{"type":"captured","capture":"a-0001","skew_ns":0}"#;
+        let (listening, ending) = (r#"{"type":"listening"}"#, r#"{"type":"ending"}"#);
+        let _requests = serve(&socket, &[&[listening, captured, ending]]);
+        let daemon = Daemon::new(&socket, by_hand());
+        daemon.watch(|state| {
+            let has_ended = matches!(state, DaemonState::Ended);
+            if has_ended {
+                // The watch waits for another socket before it returns.
+                std::fs::remove_file(&socket).unwrap();
+            } else {
+                assert!(matches!(state, DaemonState::There), "{state:?}");
+            }
+            !has_ended
+        });
+        assert!(daemon.reject_last().unwrap().is_none());
     }
 
     #[test]

@@ -128,7 +128,8 @@ fn press(daemon: &Daemon, press_id: &str) {
 fn reject(daemon: &Daemon) {
     match daemon.reject_last() {
         Ok(None) => log::warning!(
-            "there is no capture to reject: none was taken since this program started"
+            "there is no capture to reject: none was taken since this program or the daemon \
+            started"
         ),
         Ok(Some((capture, Reply::Refused { reason }))) => {
             log::error!("{capture} is not marked as rejected: {reason}");
