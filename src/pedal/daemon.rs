@@ -151,7 +151,8 @@ impl Daemon {
                 pressed.was_accepted = true;
                 (pressed.since, pressed.at_most) = (self.clock.now(), END);
             }
-            if let Reply::Captured { capture, .. }
+            if let Reply::Accepted { capture, .. }
+            | Reply::Captured { capture, .. }
             | Reply::Durable { capture, .. }
             | Reply::Failed { capture, .. } = &reply
             {
@@ -244,7 +245,9 @@ impl Daemon {
         }
         loop {
             match client.event()? {
-                Event::Captured { capture, .. }
+                // One that fails is told as such only when it is on the disk.
+                Event::Accepted { capture, .. }
+                | Event::Captured { capture, .. }
                 | Event::Durable { capture, .. }
                 | Event::Failed { capture, .. } => self.remember(&capture),
                 Event::Ending => return Ok(ListeningEnd::Ending),
@@ -486,6 +489,19 @@ mod tests {
         let requests = serve(&socket, &[&[ACCEPTED, FAILED], &[OK]]);
         daemon.press("q", &mut |_| ()).unwrap();
         assert_eq!(last(&requests), "a-0003");
+        // One that fails is heard of before it is on the disk, whoever asked for it.
+        const FOURTH: &str = r#"{"type":"accepted","capture":"a-0004"}"#;
+        std::fs::remove_file(&socket).unwrap();
+        let requests = serve(&socket, &[&[LISTENING, FOURTH], &[OK]]);
+        daemon.listen(&mut || true).unwrap_err();
+        assert_eq!(last(&requests), "a-0004");
+        const FIFTH: &str = r#"{"type":"accepted","capture":"a-0005"}"#;
+        std::fs::remove_file(&socket).unwrap();
+        let _requests = serve(&socket, &[&[FIFTH]]);
+        daemon.press("r", &mut |_| ()).unwrap_err();
+        std::fs::remove_file(&socket).unwrap();
+        let requests = serve(&socket, &[&[OK]]);
+        assert_eq!(last(&requests), "a-0005");
     }
 
     #[test]
