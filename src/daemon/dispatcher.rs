@@ -128,6 +128,10 @@ impl Dispatcher {
                     let job = Job::new(&recording, &capture, trigger.0, &source);
                     self.enqueue(recording, capture, job, subject.as_deref());
                 }
+                Effect::LogUnwritten { capture, problem } => log::error!(
+                    "capture {capture} was taken once more, and its frames could not be written: \
+                     {problem}"
+                ),
                 Effect::Forget(press) => drop(self.state.lock().replies.remove(&press)),
             }
         }

@@ -106,6 +106,8 @@ pub(super) enum Effect {
         source: String,
         subject: Option<String>,
     },
+    /// Log why an attempt that was taken once more could not be written: no event says it.
+    LogUnwritten { capture: String, problem: String },
     /// The press is not known any more; nothing follows for it.
     Forget(PressKey),
 }
@@ -315,9 +317,10 @@ impl Presses {
         let Some((press, tracked)) = self.of_capture(&capture) else {
             return;
         };
+        if tracked.capture != capture {
+            return self.retried_was_written(capture, result.err());
+        }
         let end = match (tracked.state.clone(), result) {
-            // An attempt that was taken once more.
-            _ if tracked.capture != capture => return self.figures.failed += 1,
             (PressState::Captured, Ok(recording)) => Ok(recording),
             (PressState::Failing(reason), Ok(_)) => Err(reason),
             (PressState::Captured | PressState::Failing(_), Err(problem)) => {
@@ -333,6 +336,13 @@ impl Presses {
                 self.answer_and_publish(press, Event::Failed { capture, reason });
             }
         }
+    }
+
+    /// The recorder is done with an attempt that was taken once more, or could not write it.
+    fn retried_was_written(&mut self, capture: String, problem: Option<String>) {
+        self.figures.failed += 1;
+        let unwritten = problem.map(|problem| Effect::LogUnwritten { capture, problem });
+        self.effects.extend(unwritten);
     }
 
     fn durable(&mut self, press: PressKey, capture: String, recording: PathBuf) {

@@ -257,7 +257,7 @@ impl Watched {
                     assert!(self.enqueued.insert(capture.clone()), "{capture} twice");
                     assert_eq!(effects[i - 1], Effect::Publish(durable(capture)));
                 }
-                Effect::Begin(_) | Effect::Forget(_) => {}
+                Effect::Begin(_) | Effect::LogUnwritten { .. } | Effect::Forget(_) => {}
             }
         }
     }
@@ -446,6 +446,22 @@ fn a_name_that_a_retry_would_be_too_long_for_ends_the_attempts() {
         matches!(&refused[0], Effect::Reply(_, Event::Refused { reason }) if reason.contains("too long")),
         "{refused:?}"
     );
+}
+
+#[test]
+fn why_an_attempt_that_was_taken_once_more_could_not_be_written_is_logged() {
+    let mut presses = presses();
+    let press = begin(&mut presses, None, "a-0001");
+    taken(&mut presses, press, Err("c03".into()));
+    let written = |result| Input::Written("a-0001".into(), result);
+    let kept = presses.on(Instant::now(), written(Ok("/r/a.mcap".into())));
+    assert_eq!(kept, []);
+    let lost = presses.on(Instant::now(), written(Err("/r/a.mcap: it is full".into())));
+    let logged = Effect::LogUnwritten {
+        capture: "a-0001".into(),
+        problem: "/r/a.mcap: it is full".into(),
+    };
+    assert_eq!(lost, [logged]);
 }
 
 #[test]
