@@ -29,21 +29,23 @@ fn names(folder: &Path, job: &Job) -> [PathBuf; 2] {
     [complete, unfinished]
 }
 
-/// All recordings that were written to since the capture, the file that it was in first.
+/// The file that the capture was in, and all recordings that were written to since.
 fn others(folder: &Path, job: &Job) -> Vec<PathBuf> {
     // Some file systems round the times of files.
     let since = UNIX_EPOCH + Duration::from_nanos(job.trigger_ns) - Duration::from_secs(60);
+    let was_written = |path: &Path| {
+        let written = std::fs::metadata(path).and_then(|m| m.modified());
+        written.is_ok_and(|written| written >= since)
+    };
     let entries = std::fs::read_dir(folder).into_iter().flatten();
     let mut found: Vec<_> = entries
         .filter_map(|entry| Some(entry.ok()?.path()))
         .filter(|path| {
             path.extension().is_some_and(|e| e == "mcap") || finished_name(path).is_some()
         })
-        .filter(|path| {
-            let written = std::fs::metadata(path).and_then(|m| m.modified());
-            written.is_ok_and(|written| written >= since)
-        })
         .map(|path| (!is_same(&path, job), path))
+        // If the clock was ahead at the capture, its own file seems older.
+        .filter(|(is_another, path)| !is_another || was_written(path))
         .collect();
     found.sort();
     found.into_iter().map(|(_, path)| path).collect()

@@ -16,7 +16,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::mpsc::{Receiver, channel};
-use std::time::Duration;
+use std::time::{Duration, SystemTime};
 
 /// A time so many milliseconds after the sessions began.
 fn at(milliseconds: u64) -> Timestamp {
@@ -553,6 +553,24 @@ fn a_capture_is_found_whatever_became_of_its_recording() {
     assert_eq!(find(&folder, &job), None);
     let of_the_other = Job::new(&path, "a-2", at(6000).0, "test");
     assert_eq!(find(&folder, &of_the_other), Some(path));
+}
+
+#[test]
+fn a_renamed_recording_is_found_also_if_the_clock_was_ahead_at_its_capture() {
+    let place = Place::new("");
+    let path = place.recording("a.mcap");
+    record(&path, &[("a-1", 1000)], true);
+    let job = Job::new(&path, "a-1", at(1000).0, "test");
+    if job.file.is_empty() {
+        // On this file system no file is known under another name.
+        return;
+    }
+    let file = std::fs::File::options().write(true).open(&path).unwrap();
+    let before = SystemTime::UNIX_EPOCH + Duration::from_secs(1_000_000_000);
+    file.set_modified(before).unwrap();
+    let renamed = place.recording("b.mcap");
+    std::fs::rename(&path, &renamed).unwrap();
+    assert_eq!(find(&place.path().join("recordings"), &job), Some(renamed));
 }
 
 #[test]
