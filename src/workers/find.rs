@@ -3,17 +3,42 @@
 
 use super::job::{Job, identity};
 use crate::frame::Timestamp;
-use crate::recording::{Recording, Topic, finished_name, unfinished_name};
+use crate::recording::{Error, Recording, Topic, finished_name, unfinished_name};
 use std::path::{Path, PathBuf};
 use std::time::{Duration, UNIX_EPOCH};
+
+/// Why no recording was found that has a capture.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Missing {
+    /// None has it.
+    Gone,
+    /// One that may have it cannot be read now, such as a link to a disk that is not mounted.
+    Unreadable,
+}
 
 /// The recording that has the capture now; `None` where none in the folder has. Where the file is the one that it was,
 /// nothing is opened.
 pub fn find(folder: &Path, job: &Job) -> Option<PathBuf> {
-    find_unchanged(folder, job).or_else(|| {
-        let candidates = names(folder, job).into_iter().chain(others(folder, job));
-        candidates.into_iter().find(|path| holds(path, job))
-    })
+    search(folder, job).ok()
+}
+
+/// As [`find`], and why there is none.
+pub(super) fn search(folder: &Path, job: &Job) -> Result<PathBuf, Missing> {
+    if let Some(path) = find_unchanged(folder, job) {
+        return Ok(path);
+    }
+    let mut missing = match std::fs::read_dir(folder) {
+        Ok(_) => Missing::Gone,
+        Err(_) => Missing::Unreadable,
+    };
+    for path in names(folder, job).into_iter().chain(others(folder, job)) {
+        match holds(&path, job) {
+            Ok(true) => return Ok(path),
+            Err(_) if path.symlink_metadata().is_ok() => missing = Missing::Unreadable,
+            Ok(false) | Err(_) => {}
+        }
+    }
+    Err(missing)
 }
 
 /// The recording that had the capture when the job was enqueued, if it still has one of its names. Opens no file.
@@ -55,13 +80,15 @@ fn is_same(path: &Path, job: &Job) -> bool {
     !job.file.is_empty() && identity(path).as_ref() == Some(&job.file)
 }
 
-fn holds(path: &Path, job: &Job) -> bool {
-    let Ok(recording) = Recording::open(path) else {
-        return false;
+/// Whether a file has the capture; an error if it may have it and cannot be read.
+fn holds(path: &Path, job: &Job) -> Result<bool, Error> {
+    let recording = match Recording::open(path) {
+        Err(Error::NotMcap { .. } | Error::NotAFile { .. }) => return Ok(false),
+        opened => opened?,
     };
     let at = recording.messages_at(&Topic::Trigger, Timestamp(job.trigger_ns));
-    at.iter().any(|message| {
+    Ok(at.iter().any(|message| {
         let trigger = recording.trigger(message);
         trigger.is_ok_and(|trigger| trigger.id.as_str() == job.capture)
-    })
+    }))
 }

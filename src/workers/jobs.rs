@@ -2,7 +2,7 @@
 //! removed when it is done. Memory holds only the jobs in progress and the number that wait; with a fleet also the
 //! names of those that were read once.
 
-use super::find::find;
+use super::find::{Missing, search};
 use super::job::{ENDING, Job, set_aside};
 use super::object_jobs::ObjectJobs;
 use super::remakes::Remakes;
@@ -194,7 +194,7 @@ impl Jobs {
         state.waiting == 0 && state.running.is_empty()
     }
 
-    /// Whether one of a session's captures waits or is being made into a model.
+    /// Whether one of a session's captures waits or is being made into a model, or would be if it were not rejected.
     pub fn has_jobs_of_session(&self, session: &str) -> bool {
         if self.objects.has_jobs_of_session(session) {
             return true;
@@ -202,7 +202,8 @@ impl Jobs {
         let files = std::fs::read_dir(&self.folder).into_iter().flatten();
         let mut files = files.flatten().map(|file| file.path());
         files.any(|path| {
-            let job = std::fs::read(&path).ok().filter(|_| is_job(&path));
+            let is_kept = is_job(&path) || is_withdrawn(&path);
+            let job = std::fs::read(&path).ok().filter(|_| is_kept);
             let job = job.and_then(|bytes| Job::parse(&bytes).ok());
             job.is_some_and(|job| {
                 let of = job.capture.rsplit_once('-');
@@ -285,7 +286,8 @@ impl Jobs {
 
     /// Lets notes take effect that were written beside recordings while no daemon ran: a job whose capture was rejected
     /// is withdrawn, and a withdrawn one whose capture is not rejected any more is offered again. Returns the captures
-    /// of the former, with their recordings. What cannot be read stays as it is.
+    /// of the former, with their recordings. What cannot be read stays as it is; a withdrawn job that no recording has
+    /// a capture of any more is removed.
     pub fn heed_notes(&self) -> Vec<(String, PathBuf)> {
         let files = std::fs::read_dir(&self.folder).into_iter().flatten();
         let mut paths: Vec<PathBuf> = files.flatten().map(|file| file.path()).collect();
@@ -293,7 +295,7 @@ impl Jobs {
         let mut notes: BTreeMap<PathBuf, Option<Notes>> = BTreeMap::new();
         let mut withdrawn = Vec::new();
         for path in paths {
-            let is_withdrawn = !is_hidden(&path) && path.extension().is_some_and(|e| e == REJECTED);
+            let is_withdrawn = is_withdrawn(&path);
             if !is_withdrawn && !is_job(&path) {
                 continue;
             }
@@ -301,8 +303,13 @@ impl Jobs {
             let Ok(job) = job.and_then(|bytes| Job::parse(&bytes)) else {
                 continue;
             };
-            let Some(recording) = find(&self.recordings, &job) else {
-                continue;
+            let recording = match search(&self.recordings, &job) {
+                Ok(recording) => recording,
+                Err(Missing::Gone) if is_withdrawn => {
+                    remove_withdrawn(&path, &job);
+                    continue;
+                }
+                Err(_) => continue,
             };
             let notes = notes.entry(recording.clone()).or_insert_with(|| {
                 let recording = Recording::open(&recording);
@@ -607,6 +614,21 @@ fn as_bytes(job: &Job) -> Vec<u8> {
 
 fn is_job(path: &Path) -> bool {
     !is_hidden(path) && path.extension().is_some_and(|e| e == ENDING)
+}
+
+fn is_withdrawn(path: &Path) -> bool {
+    !is_hidden(path) && path.extension().is_some_and(|e| e == REJECTED)
+}
+
+/// Removes a withdrawn job that nothing can be made of. A capture of the same name could bring it back into the queue.
+fn remove_withdrawn(path: &Path, job: &Job) {
+    match std::fs::remove_file(path) {
+        Ok(()) => log::notice!(
+            "capture {}: rejected, and in no recording any more: its job is removed",
+            job.capture
+        ),
+        Err(error) => log::warning!("{}: {error}", path.display()),
+    }
 }
 
 /// Whether the process or the system lacks what it takes to open or read any file.

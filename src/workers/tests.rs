@@ -627,6 +627,27 @@ fn notes_that_were_written_while_no_daemon_ran_take_effect_at_its_start() {
 }
 
 #[test]
+fn a_rejected_captures_job_goes_with_its_recording_but_not_while_that_is_only_away() {
+    let place = Place::new("make");
+    let path = place.recording("a.mcap");
+    record(&path, &[("a-1", 1000)], true);
+    let jobs = place.jobs();
+    jobs.enqueue(&Job::new(&path, "a-1", at(1000).0, "test"))
+        .unwrap();
+    assert!(jobs.withdraw("a-1").is_some());
+    assert!(jobs.has_jobs_of_session("a"));
+    // A recording on a disk of its own, which is not mounted now.
+    std::fs::remove_file(&path).unwrap();
+    std::os::unix::fs::symlink(place.path().join("unmounted/a.mcap"), &path).unwrap();
+    assert_eq!(jobs.heed_notes(), []);
+    assert_eq!(place.left().len(), 1);
+    std::fs::remove_file(&path).unwrap();
+    assert_eq!(jobs.heed_notes(), []);
+    assert_eq!(place.left(), [""; 0]);
+    assert!(!jobs.has_jobs_of_session("a"));
+}
+
+#[test]
 fn clients_are_told_what_the_next_model_is_made_with_also_after_a_reload() {
     let place = Place::new("make");
     let jobs = place.jobs();

@@ -430,7 +430,7 @@ export const de: Words = {
   said_remake_waits: "mit denselben Einstellungen wartet schon eines",
   said_remakes_wait: "{n} warten schon: versuchen Sie es wieder, wenn eines fertig ist",
   said_no_models: "dieser Dienst berechnet keine Modelle",
-  said_session_unmade: "Modelle einer früheren Reihe {name} sind noch nicht berechnet: wählen Sie einen anderen Namen, oder warten Sie auf sie",
+  said_session_unmade: "Modelle einer früheren Reihe {name} sind noch nicht berechnet, oder ihre Aufnahmen wurden vorher verworfen: wählen Sie einen anderen Namen",
   said_no_recording: "keine Aufzeichnung in {folder} heißt nach der Aufnahme {capture}: wurde ihre Aufzeichnung umbenannt, nennen Sie die Datei mit scand note --recording",
   said_look_memory: "ein Blick nähme der nächsten Aufnahme Arbeitsspeicher weg: erhöhen Sie capture.memory_mb",
   said_look_turns: "sie läuft nur während einer Aufnahme, weil die Tiefenkameras sich abwechseln (take_turns)",

@@ -61,8 +61,8 @@ impl CaptureThread {
             && jobs.has_jobs_of_session(name)
         {
             return Err(format!(
-                "models of an earlier session {name} are not made yet: choose another name, or \
-                wait for them"
+                "models of an earlier session {name} are not made yet, or were rejected before that: \
+                choose another name"
             ));
         }
         Ok(Box::new(session))
