@@ -214,7 +214,9 @@ impl Jobs {
 
     /// Offers the complete captures of recordings that have no folder in `models` yet: a crash may have come between a
     /// capture and its job. Recordings are named as if they were complete. What cannot be read or kept is logged.
-    pub fn enqueue_missing(&self, recordings: &[PathBuf], models: &Path) {
+    /// Returns whether all that could be read was kept.
+    pub fn enqueue_missing(&self, recordings: &[PathBuf], models: &Path) -> bool {
+        let mut are_kept = true;
         for path in recordings {
             let recovered = path.exists();
             let found = if recovered {
@@ -224,7 +226,7 @@ impl Jobs {
             };
             let jobs = match Recording::open(&found) {
                 Ok(recording) => {
-                    self.objects.enqueue_missing(&recording, path);
+                    are_kept &= self.objects.enqueue_missing(&recording, path);
                     Job::of_recording(&recording, path)
                 }
                 Err(error) => {
@@ -235,10 +237,15 @@ impl Jobs {
             let folder = models.join(path.file_stem().unwrap_or_default());
             for job in jobs.iter().filter(|j| !folder.join(&j.capture).exists()) {
                 if let Err(error) = self.enqueue(job) {
-                    log::error!("capture {}: no model will be made: {error}", job.capture);
+                    let capture = &job.capture;
+                    log::error!(
+                        "capture {capture}: no model will be made before the daemon's next start: {error}"
+                    );
+                    are_kept = false;
                 }
             }
         }
+        are_kept
     }
 
     /// Withdraws a capture's job that no worker has begun, until [`Self::offer_again`]. Returns its recording, if there

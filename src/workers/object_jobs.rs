@@ -214,26 +214,27 @@ impl ObjectJobs {
 
     /// Enqueues the objects of recordings that the end of an earlier run interrupted: it may have come between a
     /// capture and its job. Captures in other recordings of the session count, too. A job that is there already stays.
-    pub(super) fn enqueue_missing(&self, recording: &Recording, path: &Path) {
+    /// Returns whether all were kept.
+    pub(super) fn enqueue_missing(&self, recording: &Recording, path: &Path) -> bool {
         let own = complete_captures(recording);
         let Some((_, first)) = own.first() else {
-            return;
+            return true;
         };
         let others = self.recordings_of(session_of(first.id.as_str()));
         let others = others.iter().map(|(r, p)| (r, p.as_path()));
         let others = others.filter(|(_, other)| *other != path);
         let all: Vec<_> = std::iter::once((recording, path)).chain(others).collect();
         let objects = ObjectJob::of_session(&all).into_iter();
+        let mut are_kept = true;
         for job in objects.filter(|job| own.iter().any(|(subject, _)| *subject == job.subject)) {
             let is_known = self.state.lock().entries.contains_key(&job.file_name());
-            if !is_known {
-                self.enqueue(job);
-            }
+            are_kept &= is_known || self.enqueue(job);
         }
+        are_kept
     }
 
-    /// Puts a job into the place of an older one of its object.
-    fn enqueue(&self, job: ObjectJob) {
+    /// Puts a job into the place of an older one of its object. Returns whether it was kept.
+    fn enqueue(&self, job: ObjectJob) -> bool {
         let name = job.file_name();
         let mut state = self.state.lock();
         if let Err(error) = self.write(&name, &job) {
@@ -241,7 +242,7 @@ impl ObjectJobs {
                 "object {}: its captures will not be fused: {error}",
                 job.subject
             );
-            return;
+            return false;
         }
         state.generation += 1;
         let entry = Entry {
@@ -252,6 +253,7 @@ impl ObjectJobs {
         state.entries.insert(name, entry);
         self.count.store(state.entries.len(), Ordering::Release);
         self.changed.notify_all();
+        true
     }
 
     fn write(&self, name: &str, job: &ObjectJob) -> Result<(), String> {

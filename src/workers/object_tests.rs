@@ -429,7 +429,7 @@ fn captures_in_all_recordings_of_a_session_count_and_an_empty_subject_is_none() 
     assert_eq!(taken.job.newest.recording, "s-002.mcap");
     // The same after a crash, whichever of the recordings was interrupted.
     jobs.objects().finish(&taken);
-    jobs.enqueue_missing(&[first], &place.path().join("models"));
+    assert!(jobs.enqueue_missing(&[first], &place.path().join("models")));
     assert_eq!(jobs.objects().len(), 1);
 }
 

@@ -421,6 +421,23 @@ fn a_job_that_the_disk_refuses_is_told_of_leaves_nothing_and_is_done_when_it_is_
 }
 
 #[test]
+fn that_the_disk_refuses_a_job_of_an_interrupted_recording_is_told_so_that_it_is_offered_again() {
+    let place = Place::new("make");
+    let path = place.recording("a.mcap");
+    record(&path, &[("a-1", 1000)], true);
+    let folder = place.recording("jobs");
+    let jobs = place.jobs();
+    std::fs::remove_dir(&folder).unwrap();
+    std::fs::write(&folder, "").unwrap();
+    let recordings = [path];
+    assert!(!jobs.enqueue_missing(&recordings, &place.models()));
+    std::fs::remove_file(&folder).unwrap();
+    let jobs = place.jobs();
+    assert!(jobs.enqueue_missing(&recordings, &place.models()));
+    assert_eq!(place.left().len(), 1);
+}
+
+#[test]
 fn what_is_no_job_is_set_aside_and_what_a_kill_left_is_removed() {
     let place = Place::new("make");
     let folder = place.recording("jobs");
@@ -583,7 +600,7 @@ fn a_crash_between_a_capture_and_its_job_is_made_good() {
     jobs.enqueue(&Job::new(&path, "a-2", at(2000).0, "test"))
         .unwrap();
     let gone = place.recording("gone.mcap");
-    jobs.enqueue_missing(&[path, gone], &place.models());
+    assert!(jobs.enqueue_missing(&[path, gone], &place.models()));
     assert_eq!(jobs.backlog().waiting, 2);
     let (_workers, heard) = place.start(&jobs, |_| ());
     assert_eq!([heard.next().capture, heard.next().capture], ["a-2", "a-3"]);

@@ -28,18 +28,20 @@ impl Models {
         Ok(Some(Self { jobs }))
     }
 
-    /// Begins, with the captures of `interrupted` recordings. Each press gets the result of its model, or the reason
-    /// why there is none.
+    /// Offers the captures of `interrupted` recordings that have no model yet. Returns whether the disk kept all jobs.
+    pub(super) fn enqueue_missing(&self, config: &Config, interrupted: &[PathBuf]) -> bool {
+        self.jobs
+            .enqueue_missing(interrupted, &config.workers.folder)
+    }
+
+    /// Begins. Each press gets the result of its model, or the reason why there is none.
     pub(super) fn start(
         self,
         config: &Config,
         clock: Clock,
-        interrupted: &[PathBuf],
         keep_free_bytes: Arc<AtomicU64>,
         capturing: Arc<Capturing>,
     ) -> anyhow::Result<[Workers; 3]> {
-        self.jobs
-            .enqueue_missing(interrupted, &config.workers.folder);
         let plan = WorkerPlan {
             parameters: config.workers.clone(),
             settings: config.replay_toml()?,

@@ -85,17 +85,14 @@ fn serve_rig(
     let (own, policy) = (config.socket.clone(), config.service.clone());
     let hooks = Hooks::start(&config.hooks, capturing.events(), clock)?;
     let keep_free_bytes = Arc::new(AtomicU64::new(config.recording.keep_free_bytes()));
-    let start = |models: Models| {
-        models.start(
-            &config,
-            clock,
-            interrupted.recordings(),
-            keep_free_bytes.clone(),
-            capturing.clone(),
-        )
-    };
+    let enqueue = |models: &Models| models.enqueue_missing(&config, interrupted.recordings());
+    // The next start offers again what the disk refuses now.
+    if models.as_ref().is_none_or(enqueue) {
+        interrupted.forget();
+    }
+    let start =
+        |models: Models| models.start(&config, clock, keep_free_bytes.clone(), capturing.clone());
     let workers = models.map(start).transpose()?;
-    interrupted.forget();
     let packing = Packing::start(
         &capturing,
         &config.recording,
