@@ -41,6 +41,8 @@ pub struct Jobs {
     cancel: Cancel,
     objects: ObjectJobs,
     remakes: Remakes,
+    /// Settings that could not be written at the start. Locked while any are written.
+    unwritten: Mutex<Option<String>>,
 }
 
 #[derive(Default)]
@@ -146,6 +148,7 @@ impl Jobs {
             cancel,
             objects: ObjectJobs::open(recordings),
             remakes: Remakes::open(&remakes),
+            unwritten: Mutex::default(),
         })
     }
 
@@ -397,7 +400,45 @@ impl Jobs {
     /// # Errors
     /// If it cannot be written.
     pub fn set_settings(&self, settings: &str) -> Result<(), Error> {
-        write_atomically(&self.settings(), settings.as_bytes())?;
+        let mut unwritten = self.unwritten.lock();
+        self.write_settings(settings)?;
+        *unwritten = None;
+        Ok(())
+    }
+
+    /// Sets the settings at the start, which goes on also if they cannot be written; then no job is begun until they
+    /// are ([`Self::has_settings`]).
+    pub(super) fn begin_with_settings(&self, settings: &str) {
+        let mut unwritten = self.unwritten.lock();
+        if let Err(error) = self.write_settings(settings) {
+            log::error!("{error}; no model is made until the settings of models can be written");
+            // The process of the fleet must not find those of an earlier start.
+            let _ = std::fs::remove_file(self.settings());
+            *unwritten = Some(settings.to_owned());
+        }
+    }
+
+    /// Whether the settings are on the disk; tries once more to write them if they are not.
+    pub(super) fn has_settings(&self) -> bool {
+        let mut unwritten = self.unwritten.lock();
+        let Some(settings) = unwritten.as_deref() else {
+            return true;
+        };
+        let is_written = self.write_settings(settings).is_ok();
+        if is_written {
+            log::notice!("the settings of models are written, so that models are made");
+            *unwritten = None;
+        }
+        is_written
+    }
+
+    /// A full disk does not matter to settings that are there already.
+    fn write_settings(&self, settings: &str) -> Result<(), Error> {
+        let path = self.settings();
+        let is_there = std::fs::read(&path).is_ok_and(|found| found == settings.as_bytes());
+        if !is_there {
+            write_atomically(&path, settings.as_bytes())?;
+        }
         self.state.lock().settings = told(settings);
         Ok(())
     }

@@ -88,7 +88,8 @@ struct Ended {
 impl Shared {
     fn run(&self, registers: bool) {
         let objects = self.jobs.objects();
-        let may = || registers || (self.jobs.has_no_captures() && self.plan.has_room());
+        let has_turn = || registers || (self.jobs.has_no_captures() && self.plan.has_room());
+        let may = || has_turn() && self.jobs.has_settings();
         while let Some(mut taken) = objects.take(!registers, may) {
             let begun = taken.job.newest.begun;
             let work = if registers {

@@ -29,6 +29,8 @@ pub(super) const MAX_STARTS: u32 = 3;
 
 /// How often the files of the fleet are looked for.
 const HANDOVER: Duration = Duration::from_millis(250);
+/// How often it is tried to write settings that could not be written at the start.
+const SETTINGS: Duration = Duration::from_secs(1);
 
 /// What the threads work with.
 #[derive(Clone)]
@@ -100,7 +102,7 @@ pub fn start_models(
         path: models.clone(),
         cause,
     })?;
-    jobs.set_settings(&plan.settings)?;
+    jobs.begin_with_settings(&plan.settings);
     let count = plan.parameters.count;
     let has_fleet = plan.parameters.fleet.is_some();
     let shared = Arc::new(Shared {
@@ -273,6 +275,9 @@ impl Shared {
             return Some(self.failed(&taken.job, &complete, reason, ""));
         }
         self.wait_for_room();
+        while !self.jobs.is_stopped() && !self.jobs.has_settings() {
+            self.jobs.pause(SETTINGS);
+        }
         if self.jobs.is_stopped() {
             return None;
         }

@@ -57,7 +57,8 @@ struct Making {
 
 impl Making {
     fn run(&self, tell: impl Fn(RemakeResult)) {
-        let may = || self.jobs.is_idle() && self.plan.has_room();
+        let has_turn = || self.jobs.is_idle() && self.plan.has_room();
+        let may = || has_turn() && self.jobs.has_settings();
         while let Some(remake) = self.jobs.remakes().take(may) {
             let made = queue::guarded(|| self.make(&remake));
             let model = made.unwrap_or_else(|panicked| Err(panicked.to_string()));

@@ -12,6 +12,7 @@ use crate::recording::{
     unfinished_name,
 };
 use crate::support::wait::until;
+use std::os::unix::fs::MetadataExt;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -675,6 +676,34 @@ fn clients_are_told_what_the_next_model_is_made_with_also_after_a_reload() {
     assert_eq!(told(&jobs), 36.0);
     jobs.set_settings(&settings(7.5)).unwrap();
     assert_eq!(told(&jobs), 7.5);
+}
+
+#[test]
+fn settings_that_are_there_are_not_written_again() {
+    let place = Place::new("make");
+    let jobs = place.jobs();
+    let file = || std::fs::metadata(place.recording("jobs/settings.toml")).unwrap();
+    jobs.set_settings("# one").unwrap();
+    let before = file().ino();
+    jobs.set_settings("# one").unwrap();
+    assert_eq!(file().ino(), before);
+    jobs.set_settings("# two").unwrap();
+    assert_ne!(file().ino(), before);
+}
+
+/// A folder in the place of the settings makes writing them fail.
+#[test]
+fn a_start_goes_on_without_its_settings_and_models_wait_until_they_can_be_written() {
+    let place = Place::new("make");
+    let jobs = place.jobs();
+    let settings = place.recording("jobs/settings.toml");
+    std::fs::create_dir(&settings).unwrap();
+    place.offer(&jobs, 1..=1);
+    let (_workers, heard) = place.start(&jobs, |_| ());
+    heard.nothing();
+    std::fs::remove_dir(&settings).unwrap();
+    assert!(heard.next().model.is_ok());
+    assert_eq!(std::fs::read_to_string(settings).unwrap(), "# settings");
 }
 
 /// A status may ask for the backlog at any time, and what asks whether a job may begin waits for other locks.
