@@ -1,7 +1,8 @@
 //! Publishes the daemon's events to all listeners. Publishing never waits: a listener that is slow loses the oldest
 //! events that it has not read, and is told how many.
 
-use tokio::sync::broadcast::{self, error::RecvError};
+use tokio::sync::broadcast;
+use tokio::sync::broadcast::error::{RecvError, TryRecvError};
 
 pub use crate::trigger::Event;
 
@@ -48,6 +49,15 @@ impl Subscription {
     /// The same for a thread, which waits.
     pub fn wait(&mut self) -> Option<Event> {
         heard(self.0.blocking_recv())
+    }
+
+    /// The next one that is there already.
+    pub(super) fn try_next(&mut self) -> Option<Event> {
+        match self.0.try_recv() {
+            Ok(event) => Some(event),
+            Err(TryRecvError::Lagged(events)) => Some(Event::Lost { events }),
+            Err(TryRecvError::Empty | TryRecvError::Closed) => None,
+        }
     }
 }
 

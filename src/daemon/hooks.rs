@@ -14,6 +14,9 @@ use std::time::Duration;
 use tokio::sync::Notify;
 use tokio::task::JoinSet;
 
+/// How long commands may still run after the end was told of, all of them together.
+const AFTER_THE_END: Duration = Duration::from_secs(2);
+
 /// The thread that runs commands.
 pub struct Hooks {
     stop: Arc<Notify>,
@@ -40,7 +43,9 @@ impl Hooks {
             cancel: Cancel::new()?,
         };
         let mut heard = events.subscribe();
-        let runtime = tokio::runtime::Builder::new_current_thread().build()?;
+        let runtime = tokio::runtime::Builder::new_current_thread()
+            .enable_time()
+            .build()?;
         let stop = Arc::new(Notify::new());
         let stopped = stop.clone();
         let thread = std::thread::Builder::new()
@@ -49,7 +54,7 @@ impl Hooks {
         Ok(Some(Self { stop, thread }))
     }
 
-    /// Stops the thread and kills the commands that still run.
+    /// Stops the thread. The commands of what was published before are still run, and are killed after two seconds.
     pub fn stop(self) {
         self.stop.notify_one();
         let _ = self.thread.join();
@@ -68,18 +73,41 @@ impl Running {
     async fn serve(&mut self, events: &mut Subscription, stop: &Notify) {
         loop {
             // While as many run as may run, events wait in the subscription, which drops the oldest first.
-            let free = self.hooks.len() < self.parameters.at_most;
+            let has_room = self.has_room();
             tokio::select! {
                 () = stop.notified() => break,
-                event = events.next(), if free => match event {
+                event = events.next(), if has_room => match event {
                     Some(event) => self.take(&event),
                     None => break,
                 },
                 Some(_) = self.hooks.join_next(), if !self.hooks.is_empty() => {}
             }
         }
+        self.finish(events).await;
         self.cancel.cancel();
         while self.hooks.join_next().await.is_some() {}
+    }
+
+    fn has_room(&self) -> bool {
+        self.hooks.len() < self.parameters.at_most
+    }
+
+    /// Runs what is left, until all has ended or it has taken too long.
+    async fn finish(&mut self, events: &mut Subscription) {
+        let begin = self.clock.now();
+        loop {
+            while self.has_room()
+                && let Some(event) = events.try_next()
+            {
+                self.take(&event);
+            }
+            let left = AFTER_THE_END.saturating_sub(self.clock.elapsed(begin));
+            let ended = self.hooks.join_next();
+            let ended = tokio::time::timeout(self.clock.wait_at_most(left), ended).await;
+            if left.is_zero() || matches!(ended, Ok(None)) {
+                return;
+            }
+        }
     }
 
     fn take(&mut self, event: &Event) {
@@ -285,23 +313,53 @@ mod tests {
     }
 
     #[test]
+    fn what_was_published_before_the_end_is_still_run() {
+        let folder = tempfile::tempdir().unwrap();
+        let marks = folder.path().join("marks");
+        let parameters = HooksParameters {
+            durable: shell(&format!("echo mark >> {}", marks.display())),
+            at_most: 2,
+            ..HooksParameters::default()
+        };
+        let events = Events::default();
+        let hooks = start(&parameters, &events, Clock::by_hand(Timestamp(0)));
+        for i in 0..8 {
+            events.publish(Event::Durable {
+                capture: format!("a-{i}"),
+                recording: "/r".into(),
+            });
+        }
+        hooks.stop();
+        assert_eq!(text(&marks), "mark\n".repeat(8));
+    }
+
+    #[test]
     fn what_still_runs_at_the_end_is_killed_and_what_is_not_there_is_said() {
         let folder = tempfile::tempdir().unwrap();
         let pids = folder.path().join("pids");
         let parameters = HooksParameters {
+            timeout_ms: 1_000_000_000,
             accepted: shell(&format!("echo $$ >> {}; sleep 1000", pids.display())),
             durable: vec!["/nonexistent/beep".into()],
             ..HooksParameters::default()
         };
         let events = Events::default();
-        let hooks = start(&parameters, &events, Clock::system());
+        let clock = Clock::by_hand(Timestamp(0));
+        let hooks = start(&parameters, &events, clock);
         events.publish(Event::Durable {
             capture: "a".into(),
             recording: "/r".into(),
         });
         events.publish(accepted("a"));
         until("it runs", || text(&pids).ends_with('\n'));
-        hooks.stop();
+        std::thread::scope(|scope| {
+            let stops = scope.spawn(move || hooks.stop());
+            // From when on the end is waited for is not known here.
+            until("the end", || {
+                clock.advance(AFTER_THE_END);
+                stops.is_finished()
+            });
+        });
         until("it is killed", || !is_running(&text(&pids)));
         let none = Hooks::start(&HooksParameters::default(), &events, Clock::system()).unwrap();
         assert!(none.is_none());
