@@ -124,7 +124,7 @@ pub struct BoxCorners {
 #[derive(serde::Deserialize, serde::Serialize, Clone, Debug, PartialEq)]
 #[serde(deny_unknown_fields, default)]
 pub struct SocketParameters {
-    /// The socket. Default `/run/scand/scand.sock`.
+    /// The socket; where systemd made it, its own path counts instead. Default `/run/scand/scand.sock`.
     pub path: PathBuf,
     /// How long a client may take to send a line or to read one, in milliseconds, 1 to 3600000. Default 60000.
     #[serde(deserialize_with = "count::<_, _, 1, 3_600_000>")]

@@ -100,7 +100,7 @@ pub fn serve(
         };
         let mut ends = signal(SignalKind::terminate()).map_err(io)?;
         let mut interrupts = signal(SignalKind::interrupt()).map_err(io)?;
-        log::info!("listening on {}", path.display());
+        log_address(&listener, path);
         tokio::select! {
             () = accept(&listener, &shared) => {}
             () = service.attend(capturing) => {}
@@ -138,6 +138,22 @@ fn second_signal_exits(runtime: tokio::runtime::Runtime) {
     let _ = std::thread::Builder::new()
         .name("signals".into())
         .spawn(wait);
+}
+
+/// Logs where the daemon listens: who made a socket that was handed over may have another place than `configured`.
+fn log_address(listener: &UnixListener, configured: &Path) {
+    let address = listener.local_addr().ok();
+    let path = address.as_ref().and_then(|address| address.as_pathname());
+    let path = path.unwrap_or(configured);
+    log::info!("listening on {}", path.display());
+    let place = |path: &Path| std::fs::canonicalize(path).unwrap_or_else(|_| path.to_owned());
+    if place(path) != place(configured) {
+        log::warning!(
+            "socket.path is {}, which has no effect, because systemd made the socket: give it the \
+             path of ListenStream in scand.socket, so that scand check asks there",
+            configured.display()
+        );
+    }
 }
 
 /// Takes over a socket that somebody else made.

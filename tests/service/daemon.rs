@@ -194,30 +194,46 @@ fn with_cameras_missing_it_is_not_ready_and_answers_all_the_same() {
     assert!(stand.ask().contains("/dev/none-0"), "{}", stand.ask());
 }
 
-#[test]
-fn a_socket_that_systemd_made_is_served_and_left() {
-    let mut stand = Stand::new("");
-    let socket = stand.path("scand.sock");
-    // systemd's own program, which starts the daemon at the first connection.
+/// systemd's own program, which starts the daemon at the first connection.
+fn activate(stand: &mut Stand, more: &[&str]) {
     let mut command = Command::new("systemd-socket-activate");
     command
         .arg("-l")
-        .arg(&socket)
+        .arg(stand.path("scand.sock"))
         .arg(env!("CARGO_BIN_EXE_scand"))
-        .args(["run", "--config", "rig.toml"]);
+        .args(["run", "--config", "rig.toml"])
+        .args(more);
     stand.start(command);
     stand.until_logged("Listening on");
+}
+
+#[test]
+fn a_socket_that_systemd_made_is_served_and_left() {
+    let mut stand = Stand::new("");
+    activate(&mut stand, &[]);
+    let socket = stand.path("scand.sock");
     let before = std::fs::symlink_metadata(&socket).unwrap();
     assert!(stand.ask().contains("\"cameras\""));
     // It became the daemon: the same process, the same socket.
     stand.end();
     let after = std::fs::symlink_metadata(&socket).unwrap();
     assert_eq!(before.modified().unwrap(), after.modified().unwrap());
-    assert!(
-        stand.log().contains("client connected: user"),
-        "{}",
-        stand.log()
-    );
+    let log = stand.log();
+    assert!(log.contains("client connected: user"), "{log}");
+    assert!(!log.contains("socket.path"), "{log}");
+}
+
+#[test]
+fn where_it_listens_is_told_also_if_another_place_is_configured() {
+    let mut stand = Stand::new("");
+    activate(&mut stand, &["--set", "socket.path=elsewhere.sock"]);
+    assert!(stand.ask().contains("\"cameras\""));
+    stand.end();
+    let log = stand.log();
+    let address = format!("listening on {}", stand.path("scand.sock").display());
+    assert!(log.contains(&address), "{log}");
+    assert!(log.contains("elsewhere.sock, which has no effect"), "{log}");
+    assert!(!stand.path("elsewhere.sock").exists());
 }
 
 #[test]
