@@ -142,9 +142,8 @@ impl Dispatcher {
         let Some(jobs) = &self.jobs else {
             return;
         };
-        if let Some(subject) = subject.filter(|subject| !subject.is_empty()) {
-            jobs.objects().captured(job.clone(), subject);
-        }
+        jobs.objects()
+            .captured(job.clone(), subject.unwrap_or_default());
         if let Err(error) = jobs.enqueue(&job) {
             log::error!("capture {capture}: no model will be made: {error}");
             self.on(Input::JobEnded(Event::JobFailed {

@@ -153,15 +153,22 @@ impl NoteEffects {
     }
 }
 
-/// Has the model of a capture's object made again, on a thread of its own, because its recording has to be read.
+/// Has the model of a capture's object made again. Recordings of an earlier session have to be read, on a thread of its
+/// own; the end of the daemon does not wait for it, and the next start repeats it.
 fn fuse_again(jobs: &Arc<Jobs>, capture: &str) {
+    if jobs.objects().noted_in_progress(capture) {
+        return;
+    }
+    jobs.objects().keep_noted(capture);
     let (jobs, name) = (jobs.clone(), capture.to_owned());
     let noted = move || jobs.objects().noted(&name);
     if let Err(error) = std::thread::Builder::new()
         .name("object".into())
         .spawn(noted)
     {
-        log::error!("capture {capture}: its object's model stays as it is: {error}");
+        log::error!(
+            "capture {capture}: its object's model stays as it is until the daemon's next start: {error}"
+        );
     }
 }
 

@@ -1,9 +1,10 @@
 //! The queue of jobs for objects: a file for each in the folder `jobs/objects` beside the recordings, durable once it
-//! is enqueued, replaced by a newer one of the same object, and removed when it is done.
+//! is enqueued, replaced by a newer one of the same object, and removed when it is done. A note on a capture of an
+//! earlier session has a file there until its object is enqueued.
 
 use super::job::{Job, set_aside};
 use super::object_find::{named, session_of};
-use crate::frame::Trigger;
+use crate::frame::{CaptureId, Trigger};
 use crate::log;
 use crate::recording::{CaptureOutcome, Recording, Topic, finished_name};
 use crate::storage::write_atomically;
@@ -29,6 +30,8 @@ pub struct ObjectJob {
 
 /// The ending of their files' names.
 const ENDING: &str = "object";
+/// The ending of the names of files that say which captures notes are about.
+const NOTED: &str = "noted";
 /// How often something is looked for that nobody tells of.
 const LOOK_AGAIN: Duration = Duration::from_millis(300);
 
@@ -46,10 +49,57 @@ pub struct ObjectJobs {
 struct State {
     /// By the names of their files.
     entries: BTreeMap<String, Entry>,
-    /// Captures of each object since the start, by session and subject.
-    seen: BTreeMap<(String, String), u32>,
+    session: Session,
+    /// Captures that notes were about whose objects an earlier run did not enqueue any more.
+    left: Vec<String>,
     generation: u64,
     is_stopped: bool,
+}
+
+/// The session in progress: one that is over gets no more captures, and each start begins another one.
+#[derive(Default)]
+struct Session {
+    name: String,
+    /// Its durable captures of subjects: subject and job, by the captures' ids.
+    captures: BTreeMap<String, (String, Job)>,
+}
+
+impl Session {
+    fn add(&mut self, job: &Job, subject: &str) {
+        let name = session_of(&job.capture);
+        // A name serves again when its recording was moved away.
+        if self.name != name || self.captures.contains_key(&job.capture) {
+            *self = Self {
+                name: name.to_owned(),
+                captures: BTreeMap::new(),
+            };
+        }
+        if !subject.is_empty() {
+            let of_subject = (subject.to_owned(), job.clone());
+            self.captures.insert(job.capture.clone(), of_subject);
+        }
+    }
+
+    /// The newest capture of a subject of which there are several.
+    fn newest_of_several(&self, subject: &str) -> Option<&Job> {
+        let captures = self.captures.values();
+        let of_subject: Vec<&Job> = captures
+            .filter(|(of, _)| of == subject)
+            .map(|(_, job)| job)
+            .collect();
+        let newest = of_subject.iter().max_by_key(|job| job.trigger_ns).copied();
+        newest.filter(|_| of_subject.len() > 1)
+    }
+
+    /// The job of a capture's object, which is to be made again; `None` of a capture without an object of several.
+    fn object_of(&self, capture: &str) -> Option<ObjectJob> {
+        let (subject, _) = self.captures.get(capture)?;
+        Some(ObjectJob {
+            subject: subject.clone(),
+            newest: self.newest_of_several(subject)?.clone(),
+            is_registered: true,
+        })
+    }
 }
 
 impl State {
@@ -141,6 +191,8 @@ impl ObjectJobs {
             if name.starts_with('.') {
                 // What a kill left of a file that was being written.
                 let _ = std::fs::remove_file(&path);
+            } else if let Some(capture) = noted_capture(name) {
+                state.left.push(capture.to_owned());
             } else if path.extension().is_some_and(|e| e == ENDING)
                 && let Some(job) = read(&path)
             {
@@ -162,15 +214,12 @@ impl ObjectJobs {
         }
     }
 
-    /// Takes in that a capture of a subject is durable. From the second one of a session on, its object is fused.
+    /// Takes in that a capture of a subject, which may be empty, is durable. From the second one of a session on, its
+    /// object is fused.
     pub fn captured(&self, newest: Job, subject: &str) {
-        let session = session_of(&newest.capture).to_owned();
         let mut state = self.state.lock();
-        // The counts of one session are enough: a session that is over gets no more captures.
-        state.seen.retain(|(of, _), _| *of == session);
-        let seen = state.seen.entry((session, subject.to_owned())).or_default();
-        *seen += 1;
-        if *seen < 2 {
+        state.session.add(&newest, subject);
+        if state.session.newest_of_several(subject).is_none() {
             return;
         }
         drop(state);
@@ -182,24 +231,68 @@ impl ObjectJobs {
     }
 
     /// Takes in that somebody rejected a capture, or took that back: its object's model is made again, if it has a
-    /// subject of which the session has several captures. Reads the session's recordings.
+    /// subject of which the session has several captures. Unless [`Self::noted_in_progress`], reads the session's
+    /// recordings.
     pub fn noted(&self, capture: &str) {
+        if self.noted_in_progress(capture) || self.noted_in_recordings(capture) {
+            let _ = std::fs::remove_file(self.noted_file(capture));
+        }
+    }
+
+    /// As [`Self::noted`], if the capture is of the session in progress, whose captures are known. Returns whether it
+    /// is.
+    pub fn noted_in_progress(&self, capture: &str) -> bool {
+        let state = self.state.lock();
+        if state.session.name != session_of(capture) {
+            return false;
+        }
+        let object = state.session.object_of(capture);
+        drop(state);
+        if let Some(job) = object {
+            self.enqueue(job);
+        }
+        true
+    }
+
+    /// As [`Self::noted`], of any session. Returns whether nothing is left to do.
+    fn noted_in_recordings(&self, capture: &str) -> bool {
         let recordings = self.recordings_of(session_of(capture));
         let is_noted = |(_, trigger): &(String, Trigger)| trigger.id.as_str() == capture;
         let noted = recordings
             .iter()
             .find_map(|(recording, _)| complete_captures(recording).into_iter().find(is_noted));
         let Some((subject, _)) = noted else {
-            return;
+            return true;
         };
         let recordings: Vec<_> = recordings.iter().map(|(r, p)| (r, p.as_path())).collect();
         let objects = ObjectJob::of_session(&recordings).into_iter();
+        let mut are_kept = true;
         for job in objects.filter(|job| job.subject == subject) {
-            self.enqueue(ObjectJob {
+            are_kept &= self.enqueue(ObjectJob {
                 is_registered: true,
                 ..job
             });
         }
+        are_kept
+    }
+
+    /// Has [`Self::noted`] repeated after the next start if this run ends before it is done.
+    pub fn keep_noted(&self, capture: &str) {
+        if CaptureId::new(capture).is_err() {
+            return;
+        }
+        if let Err(error) = self.put(&self.noted_file(capture), &[]) {
+            log::warning!("capture {capture}: {error}");
+        }
+    }
+
+    /// The captures of which [`Self::noted`] was not done when the last run ended. Tells them once.
+    pub(super) fn take_left(&self) -> Vec<String> {
+        std::mem::take(&mut self.state.lock().left)
+    }
+
+    fn noted_file(&self, capture: &str) -> PathBuf {
+        self.folder.join(format!("{capture}.{NOTED}"))
     }
 
     /// A session's recordings that can be read, each with the path that it has when it is complete.
@@ -257,9 +350,13 @@ impl ObjectJobs {
     }
 
     fn write(&self, name: &str, job: &ObjectJob) -> Result<(), String> {
-        std::fs::create_dir_all(&self.folder).map_err(|e| e.to_string())?;
         let bytes = serde_json::to_vec(job).map_err(|e| e.to_string())?;
-        write_atomically(&self.folder.join(name), &bytes).map_err(|e| e.to_string())
+        self.put(&self.folder.join(name), &bytes)
+    }
+
+    fn put(&self, path: &Path, bytes: &[u8]) -> Result<(), String> {
+        std::fs::create_dir_all(&self.folder).map_err(|e| e.to_string())?;
+        write_atomically(path, bytes).map_err(|e| e.to_string())
     }
 
     /// How many wait or are carried out.
@@ -353,6 +450,12 @@ impl ObjectJobs {
     pub(super) fn is_stopped(&self) -> bool {
         self.state.lock().is_stopped
     }
+}
+
+/// The capture that a file of this name says notes are about.
+fn noted_capture(name: &str) -> Option<&str> {
+    let capture = name.strip_suffix(NOTED)?.strip_suffix('.')?;
+    CaptureId::new(capture).is_ok().then_some(capture)
 }
 
 /// Reads a job; a file that is not a job is set aside.

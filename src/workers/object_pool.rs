@@ -58,7 +58,12 @@ pub fn start_objects(
     plan: WorkerPlan,
     tell: impl Fn(ObjectResult) + Send + Sync + 'static,
 ) -> Result<Workers, Error> {
-    let workers = Workers::new(jobs, plan.parameters.folder.clone());
+    let folder = plan.parameters.folder.clone();
+    repeat_noted(jobs).map_err(|cause| Error::Io {
+        path: folder.clone(),
+        cause,
+    })?;
+    let workers = Workers::new(jobs, folder);
     let shared = Arc::new(Shared {
         jobs: jobs.clone(),
         plan,
@@ -69,6 +74,23 @@ pub fn start_objects(
         workers.spawn(name.into(), move || shared.run(registers))?;
     }
     Ok(workers)
+}
+
+/// Lets notes take effect that the end of the last run kept from it. The thread is not waited for at the end, because
+/// it reads whole recordings: what it has not done is repeated again.
+fn repeat_noted(jobs: &Arc<Jobs>) -> std::io::Result<()> {
+    let left = jobs.objects().take_left();
+    if left.is_empty() {
+        return Ok(());
+    }
+    let jobs = jobs.clone();
+    let repeat = move || {
+        for capture in left {
+            jobs.objects().noted(&capture);
+        }
+    };
+    let thread = std::thread::Builder::new().name("object".into());
+    thread.spawn(repeat).map(drop)
 }
 
 struct Shared {

@@ -434,6 +434,46 @@ fn captures_in_all_recordings_of_a_session_count_and_an_empty_subject_is_none() 
 }
 
 #[test]
+fn a_note_on_a_capture_of_the_session_in_progress_reads_no_recording() {
+    let place = Place::new("");
+    let jobs = place.jobs();
+    for (number, subject) in [(1, "17"), (2, "17"), (3, "18"), (4, "")] {
+        place.captured(&jobs, number, subject);
+    }
+    let objects = jobs.objects();
+    let registered = objects.take(false, || true).unwrap();
+    objects.finish(&registered);
+    for alone in ["s-0003", "s-0004", "s-0005"] {
+        assert!(objects.noted_in_progress(alone));
+        assert!(objects.is_empty(), "{alone}");
+    }
+    // In the recording, which is empty, nothing would be found.
+    objects.noted("s-0001");
+    assert_eq!(objects.len(), 1);
+    let again = objects.take(true, || true).unwrap();
+    assert_eq!(again.job.newest.capture, "s-0002");
+    assert!(!objects.noted_in_progress("r-0001"));
+    // Another session of this name, whose captures are others.
+    place.captured(&jobs, 1, "17");
+    objects.finish(&again);
+    objects.noted("s-0001");
+    assert!(objects.is_empty());
+}
+
+#[test]
+fn what_a_note_asks_for_is_done_after_the_next_start_if_the_daemon_ends_before() {
+    let place = Place::new("found 2; make");
+    let recording = place.recordings().join("s.mcap");
+    std::fs::remove_file(&recording).unwrap();
+    record(&recording, &[("s-0001", "17"), ("s-0002", "17")]);
+    place.jobs().objects().keep_noted("s-0001");
+    let jobs = place.jobs();
+    let (_workers, heard) = place.start(&jobs);
+    assert_eq!(capture_of(&heard.next()), ("s-0002", false));
+    until("its job is done", || place.left() == 0);
+}
+
+#[test]
 fn with_one_capture_left_and_no_model_nothing_is_told() {
     let place = Place::new("poses=null; found 1");
     let jobs = place.jobs();
