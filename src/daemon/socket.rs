@@ -11,6 +11,7 @@ use super::service::Service;
 use crate::log;
 use connection_limit::ConnectionLimiter;
 use limits::{ClientLogThrottle, RateLimiter};
+use rustix::fs::{AtFlags, CWD, Timespec, Timestamps, UTIME_NOW, utimensat};
 use std::io::ErrorKind;
 use std::os::unix::fs::{FileTypeExt, PermissionsExt};
 use std::path::{Path, PathBuf};
@@ -100,7 +101,7 @@ pub fn serve(
         };
         let mut ends = signal(SignalKind::terminate()).map_err(io)?;
         let mut interrupts = signal(SignalKind::interrupt()).map_err(io)?;
-        log_address(&listener, path);
+        tell_address(&listener, own, path);
         tokio::select! {
             () = accept(&listener, &shared) => {}
             () = service.attend(capturing) => {}
@@ -140,12 +141,15 @@ fn second_signal_exits(runtime: tokio::runtime::Runtime) {
         .spawn(wait);
 }
 
-/// Logs where the daemon listens: who made a socket that was handed over may have another place than `configured`.
-fn log_address(listener: &UnixListener, configured: &Path) {
+/// Logs where the daemon listens. Who made a socket that was handed over may have another place than `configured`; its
+/// clients see then that a daemon has it.
+fn tell_address(listener: &UnixListener, is_own: bool, configured: &Path) {
     let address = listener.local_addr().ok();
     let path = address.as_ref().and_then(|address| address.as_pathname());
-    let path = path.unwrap_or(configured);
-    log::info!("listening on {}", path.display());
+    log::info!("listening on {}", path.unwrap_or(configured).display());
+    let Some(path) = path.filter(|_| !is_own) else {
+        return;
+    };
     let place = |path: &Path| std::fs::canonicalize(path).unwrap_or_else(|_| path.to_owned());
     if place(path) != place(configured) {
         log::warning!(
@@ -154,6 +158,27 @@ fn log_address(listener: &UnixListener, configured: &Path) {
             configured.display()
         );
     }
+    if let Err(error) = touch(path) {
+        log::warning!(
+            "{}: cannot set its time: {error}; a page that saw a daemon end does not see that \
+             this one runs before somebody presses there: allow it with ReadWritePaths",
+            path.display()
+        );
+    }
+}
+
+/// Sets the times of a socket to the present. Clients that wait for a daemon look at them, because a connect would
+/// start one.
+fn touch(socket: &Path) -> std::io::Result<()> {
+    let now = Timespec {
+        tv_sec: 0,
+        tv_nsec: UTIME_NOW,
+    };
+    let times = Timestamps {
+        last_access: now,
+        last_modification: now,
+    };
+    Ok(utimensat(CWD, socket, &times, AtFlags::empty())?)
 }
 
 /// Takes over a socket that somebody else made.

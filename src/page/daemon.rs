@@ -3,6 +3,8 @@
 //! requests.
 
 use crate::trigger::{Event, LONGEST_REPLY, Reply, Request, Until};
+use parking_lot::Mutex;
+use std::os::unix::fs::MetadataExt;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 use tokio::io::{AsyncBufReadExt, AsyncReadExt, AsyncWriteExt, BufReader};
@@ -115,10 +117,20 @@ impl Connection {
     }
 }
 
+/// What tells a socket from another one, and from itself before a daemon took it over.
+type SocketState = (u64, u64, i64, i64);
+
+fn socket_state(path: &Path) -> Option<SocketState> {
+    let found = std::fs::metadata(path).ok()?;
+    Some((found.dev(), found.ino(), found.ctime(), found.ctime_nsec()))
+}
+
 /// The daemon, as people's requests see it.
 pub(super) struct Daemon {
     path: PathBuf,
     slots: Semaphore,
+    /// The socket when the daemon was told to stop; `None` as long as it may run.
+    stopped: Mutex<Option<SocketState>>,
 }
 
 impl Daemon {
@@ -126,11 +138,35 @@ impl Daemon {
         Self {
             path: path.into(),
             slots: Semaphore::new(REQUESTS),
+            stopped: Mutex::default(),
         }
     }
 
-    pub(super) fn path(&self) -> &Path {
-        &self.path
+    /// Takes in that the daemon was told to stop.
+    pub(super) fn has_ended(&self) {
+        *self.stopped.lock() = socket_state(&self.path);
+    }
+
+    /// A connection that nobody asked for. Systemd would start a daemon that a person stopped, so there is none until
+    /// the socket changes, which a daemon does that takes it over, or until the daemon answered somebody's request.
+    pub(super) async fn open(&self) -> Result<Connection, Error> {
+        if self.is_stopped() {
+            return Err(Error::Away(std::io::ErrorKind::ConnectionReset.into()));
+        }
+        Connection::open(&self.path).await
+    }
+
+    fn is_stopped(&self) -> bool {
+        let mut stopped = self.stopped.lock();
+        *stopped = stopped.filter(|before| socket_state(&self.path) == Some(*before));
+        stopped.is_some()
+    }
+
+    /// Takes in that a request was answered that began when [`Self::stopped`] was as `before`: a daemon that was told to
+    /// stop meanwhile may have answered it.
+    fn has_answered(&self, before: Option<SocketState>) {
+        let mut stopped = self.stopped.lock();
+        *stopped = stopped.filter(|now| before != Some(*now));
     }
 
     async fn slot(&self) -> Result<SemaphorePermit<'_>, Error> {
@@ -141,8 +177,11 @@ impl Daemon {
     /// Sends a request that has one reply.
     pub(super) async fn ask(&self, request: &Request) -> Result<Reply, Error> {
         let _slot = self.slot().await?;
+        let stopped = *self.stopped.lock();
         let mut connection = Connection::open(&self.path).await?;
-        connection.ask(request, PATIENCE).await
+        let reply = connection.ask(request, PATIENCE).await?;
+        self.has_answered(stopped);
+        Ok(reply)
     }
 
     /// Takes a capture and waits until it is on the disk. A connection that breaks is made again under the same
@@ -189,10 +228,12 @@ impl Daemon {
         begin: Instant,
         progress: &mut Progress,
     ) -> Result<Reply, Error> {
+        let stopped = *self.stopped.lock();
         let opened = timeout(left(begin, *progress), Connection::open(&self.path)).await;
         let mut connection = opened.map_err(|_| Error::Slow)??;
         let patience = left(begin, *progress);
         let status = connection.ask(&Request::Status {}, patience).await?;
+        self.has_answered(stopped);
         if !matches!(status, Reply::Status { .. }) {
             // It answers this connection, and not the press that may have begun over an earlier one.
             let is_unsent = *progress == Progress::Unsent;
@@ -232,6 +273,7 @@ fn left(begin: Instant, progress: Progress) -> Duration {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::support::wait::until;
     use std::io::{BufRead, Write};
     use std::sync::Arc;
     use std::sync::atomic::{AtomicUsize, Ordering};
@@ -289,6 +331,34 @@ mod tests {
         let pressed =
             async { timeout(Duration::from_secs(30), daemon.press("p", None, None)).await };
         runtime.block_on(pressed).expect("it is not given up")
+    }
+
+    #[test]
+    fn a_daemon_that_was_stopped_is_left_alone_until_its_socket_changes_or_it_answers_somebody() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("scand.sock");
+        serve(&path, "");
+        let runtime = tokio::runtime::Builder::new_current_thread();
+        let runtime = { runtime }.enable_all().build().unwrap();
+        runtime.block_on(async {
+            let daemon = Daemon::new(&path);
+            daemon.open().await.unwrap();
+            daemon.has_ended();
+            assert!(daemon.open().await.is_err());
+            // Somebody's request starts it.
+            daemon.ask(&Request::Status {}).await.unwrap();
+            daemon.open().await.unwrap();
+            daemon.has_ended();
+            assert!(daemon.open().await.is_err());
+            // Somebody else's request does, and the daemon takes the socket over.
+            let before = socket_state(&path);
+            until("the socket changes", || {
+                let mode = std::os::unix::fs::PermissionsExt::from_mode(0o660);
+                std::fs::set_permissions(&path, mode).unwrap();
+                socket_state(&path) != before
+            });
+            daemon.open().await.unwrap();
+        });
     }
 
     #[test]

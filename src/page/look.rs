@@ -2,7 +2,7 @@
 //! the number of people, and what each camera showed last. The pictures pass through as the daemon wrote them; none is
 //! decoded here, and none is kept when nobody looks.
 
-use super::daemon::{Connection, Daemon, Error};
+use super::daemon::{Daemon, Error};
 use super::models::Models;
 use crate::trigger::{Event, Reply, Request};
 use parking_lot::Mutex;
@@ -135,7 +135,7 @@ impl Look {
 
     /// Listens to the daemon's pictures until nobody looks any more.
     async fn listen(&self, daemon: &Daemon) -> Result<(), Error> {
-        let mut connection = Connection::open(daemon.path()).await?;
+        let mut connection = daemon.open().await?;
         match connection.ask(&Request::Look {}, PATIENCE).await? {
             Reply::Looking => self.state.lock().problem = None,
             Reply::Refused { reason } => return Err(Error::Refused(reason)),

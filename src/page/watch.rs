@@ -106,7 +106,7 @@ impl Watch {
         daemon: &Daemon,
         told: &mut bool,
     ) -> Result<std::convert::Infallible, Error> {
-        let mut connection = Connection::open(daemon.path()).await?;
+        let mut connection = daemon.open().await?;
         match connection.ask(&Request::Events {}, PATIENCE).await? {
             Reply::Listening => {}
             reply => return Err(Error::Senseless(format!("{reply:?}"))),
@@ -116,6 +116,9 @@ impl Watch {
         self.change(|now| now.set_listening(true));
         loop {
             let event = connection.event().await?;
+            if matches!(event, Event::Ending) {
+                daemon.has_ended();
+            }
             let at = Instant::now();
             self.metrics.lock().hear(&event, at);
             self.note_made(&event);
@@ -155,7 +158,7 @@ async fn status(
 ) -> Result<serde_json::Value, Error> {
     let open = match connection.take() {
         Some(open) => open,
-        None => Connection::open(daemon.path()).await?,
+        None => daemon.open().await?,
     };
     let open = connection.insert(open);
     match open.ask(&Request::Status {}, PATIENCE).await? {
@@ -169,11 +172,12 @@ mod tests {
     use super::super::now::Sign;
     use super::*;
     use std::io::{BufRead, BufReader, Write};
+    use std::os::unix::net::UnixListener;
     use std::sync::atomic::{AtomicUsize, Ordering};
 
     /// A daemon whose first listener hears these lines, and all later ones nothing; how many listened.
     fn serve(path: &std::path::Path, lines: &'static str) -> Arc<AtomicUsize> {
-        let listener = std::os::unix::net::UnixListener::bind(path).unwrap();
+        let listener = UnixListener::bind(path).unwrap();
         let listeners = Arc::new(AtomicUsize::new(0));
         let counted = listeners.clone();
         std::thread::spawn(move || {
@@ -213,6 +217,34 @@ mod tests {
             }
         });
         assert_eq!(signs(), [Sign::OutcomeUnknown]);
+    }
+
+    #[test]
+    fn a_daemon_that_ends_is_not_called_again_before_it_is_seen_to_run() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("scand.sock");
+        let listener = UnixListener::bind(&path).unwrap();
+        let served = std::thread::spawn(move || {
+            let (mut stream, _) = listener.accept().unwrap();
+            let asked = BufReader::new(stream.try_clone().unwrap()).lines().next();
+            assert!(asked.unwrap().unwrap().contains("events"));
+            let lines = b"{\"type\":\"listening\"}\n{\"type\":\"ending\"}\n";
+            stream.write_all(lines).unwrap();
+            listener
+        });
+        let runtime = tokio::runtime::Builder::new_current_thread();
+        let runtime = { runtime }.enable_all().build().unwrap();
+        let daemon = Daemon::new(&path);
+        runtime.block_on(async {
+            let watch = Watch::new();
+            for _ in 0..2 {
+                watch.listen(&daemon, &mut false).await.unwrap_err();
+            }
+            status(&mut None, &daemon).await.unwrap_err();
+        });
+        let listener = served.join().unwrap();
+        listener.set_nonblocking(true).unwrap();
+        assert!(listener.accept().is_err(), "it was called again");
     }
 
     #[test]

@@ -151,8 +151,10 @@ def killed():
 def reloaded():
     # The hook of an earlier step belongs to what only a restart changes.
     configure()
+    before = SOCKET.stat().st_ctime_ns
     run("systemctl", "restart", "scand.service")
     until("the daemon is active", lambda: scand.active() == "active")
+    expect(SOCKET.stat().st_ctime_ns > before, True, "the socket shows that a daemon has it again")
     since = scand.now()
     configure("[service]\nmissing_cameras = 1\n")
     run("systemctl", "reload", "scand.service")
