@@ -47,7 +47,7 @@ cfg_if::cfg_if! {
         mod tests;
 
         pub use capturing::{Capturing, InterruptedRecordings, CapturePlan, ReloadedSettings};
-        pub use socket::{Clients, SocketError, serve};
+        pub use socket::{Clients, SocketError, refuse_waiting, serve};
         pub use dispatcher::ReplyStream;
         pub use hooks::Hooks;
         pub use packing::Packing;

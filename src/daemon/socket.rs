@@ -9,10 +9,11 @@ use super::SocketParameters;
 use super::capturing::Capturing;
 use super::service::Service;
 use crate::log;
+use crate::trigger::Reply;
 use connection_limit::ConnectionLimiter;
 use limits::{ClientLogThrottle, RateLimiter};
 use rustix::fs::{AtFlags, CWD, Timespec, Timestamps, UTIME_NOW, utimensat};
-use std::io::ErrorKind;
+use std::io::{ErrorKind, Write};
 use std::os::unix::fs::{FileTypeExt, PermissionsExt};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -118,6 +119,27 @@ pub fn serve(
     // Clients get the end of the capture in progress; a person who signals again does not want to wait for it.
     second_signal_exits(runtime);
     Ok(Clients(shared))
+}
+
+/// Clients that are answered at most where no daemon can start: as many as the system lets wait, and some more.
+const MOST_REFUSED: usize = 5000;
+
+/// Answers the clients that wait at a socket that systemd made, where no daemon can start: systemd would start one
+/// again at once for those that are left. A client that only waits for a daemon hears that this one ends.
+pub fn refuse_waiting(listener: &std::os::unix::net::UnixListener, reason: &str) {
+    let reason = reason.to_owned();
+    let replies = [Reply::Refused { reason }, Reply::Ending];
+    let lines = replies.map(|reply| serde_json::to_string(&reply).unwrap_or_default() + "\n");
+    if listener.set_nonblocking(true).is_err() {
+        return;
+    }
+    for _ in 0..MOST_REFUSED {
+        let Ok((mut stream, _)) = listener.accept() else {
+            return;
+        };
+        // A connection that was just opened has room for a line, unless its client has left.
+        let _ = stream.write_all(lines.concat().as_bytes());
+    }
 }
 
 /// Leaves a thread that serves the clients that are connected, and ends the process at the next signal.

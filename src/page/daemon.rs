@@ -156,14 +156,27 @@ impl Daemon {
         Connection::open(&self.path).await
     }
 
+    /// What it means that the page was answered so over a connection that nobody asked for. A daemon that cannot start
+    /// also says that it ends.
+    pub(super) async fn refused(&self, connection: &mut Connection, reply: Reply) -> Error {
+        let Reply::Refused { reason } = reply else {
+            return Error::Senseless(format!("{reply:?}"));
+        };
+        let next = timeout(PAUSE, connection.event()).await;
+        if matches!(next, Ok(Ok(Event::Ending))) {
+            self.has_ended();
+        }
+        Error::Refused(reason)
+    }
+
     fn is_stopped(&self) -> bool {
         let mut stopped = self.stopped.lock();
         *stopped = stopped.filter(|before| socket_state(&self.path) == Some(*before));
         stopped.is_some()
     }
 
-    /// Takes in that a request was answered that began when [`Self::stopped`] was as `before`: a daemon that was told to
-    /// stop meanwhile may have answered it.
+    /// Takes in that a request was answered that began when [`Self::stopped`] was as `before`: a daemon that was told
+    /// to stop meanwhile may have answered it.
     fn has_answered(&self, before: Option<SocketState>) {
         let mut stopped = self.stopped.lock();
         *stopped = stopped.filter(|now| before != Some(*now));
@@ -180,7 +193,9 @@ impl Daemon {
         let stopped = *self.stopped.lock();
         let mut connection = Connection::open(&self.path).await?;
         let reply = connection.ask(request, PATIENCE).await?;
-        self.has_answered(stopped);
+        if !matches!(reply, Reply::Refused { .. }) {
+            self.has_answered(stopped);
+        }
         Ok(reply)
     }
 
@@ -233,7 +248,6 @@ impl Daemon {
         let mut connection = opened.map_err(|_| Error::Slow)??;
         let patience = left(begin, *progress);
         let status = connection.ask(&Request::Status {}, patience).await?;
-        self.has_answered(stopped);
         if !matches!(status, Reply::Status { .. }) {
             // It answers this connection, and not the press that may have begun over an earlier one.
             let is_unsent = *progress == Progress::Unsent;
@@ -243,6 +257,7 @@ impl Daemon {
                 Err(Error::Unsure)
             };
         }
+        self.has_answered(stopped);
         if *progress == Progress::Unsent {
             *progress = Progress::Sent;
         }

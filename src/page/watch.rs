@@ -109,7 +109,7 @@ impl Watch {
         let mut connection = daemon.open().await?;
         match connection.ask(&Request::Events {}, PATIENCE).await? {
             Reply::Listening => {}
-            reply => return Err(Error::Senseless(format!("{reply:?}"))),
+            reply => return Err(daemon.refused(&mut connection, reply).await),
         }
         log::notice!("the daemon answers");
         *told = false;
@@ -163,7 +163,7 @@ async fn status(
     let open = connection.insert(open);
     match open.ask(&Request::Status {}, PATIENCE).await? {
         Reply::Status { status } => Ok(status),
-        reply => Err(Error::Senseless(format!("{reply:?}"))),
+        reply => Err(daemon.refused(open, reply).await),
     }
 }
 
@@ -220,7 +220,13 @@ mod tests {
     }
 
     #[test]
-    fn a_daemon_that_ends_is_not_called_again_before_it_is_seen_to_run() {
+    fn a_daemon_that_ends_or_cannot_start_is_not_called_again_before_it_is_seen_to_run() {
+        is_called_once("{\"type\":\"listening\"}\n{\"type\":\"ending\"}\n");
+        is_called_once("{\"type\":\"refused\",\"reason\":\"x\"}\n{\"type\":\"ending\"}\n");
+    }
+
+    /// Asks a daemon that answers with these lines for its events and its status, as often as the page would.
+    fn is_called_once(lines: &'static str) {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("scand.sock");
         let listener = UnixListener::bind(&path).unwrap();
@@ -228,8 +234,7 @@ mod tests {
             let (mut stream, _) = listener.accept().unwrap();
             let asked = BufReader::new(stream.try_clone().unwrap()).lines().next();
             assert!(asked.unwrap().unwrap().contains("events"));
-            let lines = b"{\"type\":\"listening\"}\n{\"type\":\"ending\"}\n";
-            stream.write_all(lines).unwrap();
+            stream.write_all(lines.as_bytes()).unwrap();
             listener
         });
         let runtime = tokio::runtime::Builder::new_current_thread();

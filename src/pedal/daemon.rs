@@ -65,7 +65,7 @@ pub enum DaemonState {
     There,
     /// The daemon does not answer, and why.
     Away(Error),
-    /// The daemon was told to stop, and has stopped.
+    /// The daemon was told to stop, and has stopped; or it cannot start.
     Ended,
 }
 
@@ -74,7 +74,7 @@ pub enum DaemonState {
 enum ListeningEnd {
     /// The caller wants no more events.
     Enough,
-    /// The daemon is stopping.
+    /// The daemon is stopping, or cannot start.
     Ending,
 }
 
@@ -137,11 +137,11 @@ impl Daemon {
         let mut client = Client::connect(&self.socket, Some(left))?;
         client.send(&Request::Status {})?;
         let reply = client.reply()?;
-        self.answered.store(true, Ordering::Release);
         if !matches!(reply, Reply::Status { .. }) {
             progress(&reply);
             return Ok(reply);
         }
+        self.answered.store(true, Ordering::Release);
         client.set_patience(PATIENCE)?;
         pressed.was_asked = true;
         client.send(request)?;
@@ -239,7 +239,11 @@ impl Daemon {
     fn listen(&self, there: &mut dyn FnMut() -> bool) -> Result<ListeningEnd, Error> {
         let mut client = Client::connect(&self.socket, None)?;
         client.send(&Request::Events {})?;
-        client.reply()?;
+        if matches!(client.reply()?, Reply::Refused { .. }) {
+            // One that cannot start says that it ends; the connection to another one breaks.
+            while client.event()? != Event::Ending {}
+            return Ok(ListeningEnd::Ending);
+        }
         if !there() {
             return Ok(ListeningEnd::Enough);
         }
@@ -444,6 +448,22 @@ mod tests {
             !has_ended
         });
         assert!(daemon.reject_last().unwrap().is_none());
+    }
+
+    #[test]
+    fn a_daemon_that_cannot_start_is_not_called_again() {
+        let folder = tempfile::tempdir().unwrap();
+        let socket = folder.path().join("s");
+        let refused = r#"{"type":"refused","reason":"the daemon cannot start"}"#;
+        let _requests = serve(&socket, &[&[refused, r#"{"type":"ending"}"#]]);
+        let mut found = Vec::new();
+        Daemon::new(&socket, by_hand()).watch(|state| {
+            found.push(format!("{state:?}"));
+            // The watch waits for another socket before it returns.
+            std::fs::remove_file(&socket).unwrap();
+            false
+        });
+        assert_eq!(found, ["Ended"]);
     }
 
     #[test]

@@ -238,6 +238,19 @@ fn where_it_listens_is_told_also_if_another_place_is_configured() {
 }
 
 #[test]
+fn who_waits_for_a_daemon_that_cannot_start_hears_why() {
+    let mut stand = Stand::new("[capture]\nretyr = 1\n");
+    activate(&mut stand, &[]);
+    let refused = stand.ask();
+    assert!(
+        refused.contains("refused") && refused.contains("retyr"),
+        "{refused}"
+    );
+    let ended = stand.daemon.take().unwrap().wait().unwrap();
+    assert_eq!(ended.code(), Some(78), "{}", stand.log());
+}
+
+#[test]
 fn its_own_socket_is_for_its_group_alone_and_removed_at_the_end() {
     let mut stand = Stand::new("");
     stand.start(run());

@@ -95,7 +95,7 @@ fn tell_whether_there(daemon: &Daemon) {
             match watch {
                 DaemonState::There => log::notice!("the daemon answers"),
                 DaemonState::Away(error) => log::warning!("the daemon does not answer: {error}"),
-                DaemonState::Ended => log::notice!("the daemon was told to stop and has ended"),
+                DaemonState::Ended => log::notice!("the daemon was told to stop, or cannot start"),
             }
         }
         there = Some(now);

@@ -2,13 +2,14 @@
 
 use super::config_args::ConfigArgs;
 use super::models::Models;
+use crate::check::without_passwords;
 use crate::clock::Clock;
 use crate::commands::EXIT_INCOMPLETE;
 use crate::daemon::events::Events;
 use crate::daemon::look::LookPlan;
 use crate::daemon::{
     CameraKind, CapturePlan, Capturing, Hooks, InterruptedRecordings, Notifier, Packing, Rig,
-    RigCamera, Service, Watchdog, handed_over, serve,
+    RigCamera, Service, Watchdog, handed_over, refuse_waiting, serve,
 };
 use crate::drivers::live::Backoff;
 use crate::log;
@@ -41,7 +42,11 @@ pub struct Args {
 /// If the configuration is bad, the recordings' folder or the socket cannot be made.
 pub fn run(args: Args) -> anyhow::Result<ExitCode> {
     let clock = Clock::system();
-    let prepared = args.source.prepare(clock)?;
+    let prepared = args.source.prepare(clock).inspect_err(|error| {
+        if !args.check {
+            refuse_clients(error);
+        }
+    })?;
     if args.check {
         outln!(
             "{}: {}, {}",
@@ -56,6 +61,14 @@ pub fn run(args: Args) -> anyhow::Result<ExitCode> {
     }
     let socket = handed_over().context("cannot use the socket that systemd passed")?;
     serve_rig(args.source.source(), prepared, clock, socket)
+}
+
+/// Tells the clients that had systemd start this daemon why it cannot start.
+fn refuse_clients(error: &anyhow::Error) {
+    if let Ok(Some(listener)) = handed_over() {
+        let reason = without_passwords(&format!("the daemon cannot start: {error:#}"));
+        refuse_waiting(&listener, &reason);
+    }
 }
 
 fn serve_rig(
