@@ -290,7 +290,7 @@ impl Told<'_> {
             .collect();
         match held_by {
             PoseEvidence::Frame if self.is_one => {
-                format!("the model has the frame of its rig{doubts}")
+                "the model has the frame of its rig".to_owned() + &doubts
             }
             PoseEvidence::Frame => "the others were compared with it".to_owned(),
             PoseEvidence::Silhouettes => format!(
