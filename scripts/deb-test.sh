@@ -125,6 +125,8 @@ inside scand check --config /usr/share/doc/scand/examples/rig.toml >/dev/null 2>
 
 say "removing"
 cp recordings/cup.mcap "$root/var/lib/scand/recordings/kept.mcap"
+# Recordings of a rig whose configuration names another folder.
+mkdir -p "$root/var/lib/scand/hall" && cp recordings/cup.mcap "$root/var/lib/scand/hall/kept.mcap"
 mkdir -p "$root/etc/scand" && echo "# mine" >"$root/etc/scand/rig.toml"
 mkdir -p "$root/var/lib/scand/models" && touch "$root/var/lib/scand/models/a"
 inside apt-get purge -y -qq scand-worker >/dev/null
@@ -133,8 +135,10 @@ inside apt-get remove -y -qq scand >/dev/null
 [ -e "$root/etc/scand/rig.toml" ] || fail "removing took the configuration"
 inside apt-get purge -y -qq scand >/dev/null
 left=$(diff <(echo "$before") <(files) | grep '^[<>]' || true)
-expected=$'> ./var/lib/scand\n> ./var/lib/scand/recordings\n> ./var/lib/scand/recordings/kept.mcap'
+expected=$(printf '> ./var/lib/scand%s\n' "" /hall /hall/kept.mcap /recordings /recordings/kept.mcap)
 [ "$left" = "$expected" ] || fail "left behind: $left"
 [ "$users" = "$(accounts)" ] || fail "users are left"
-cmp recordings/cup.mcap "$root/var/lib/scand/recordings/kept.mcap" || fail "the recording"
+for folder in recordings hall; do
+	cmp recordings/cup.mcap "$root/var/lib/scand/$folder/kept.mcap" || fail "the recording in $folder"
+done
 say "ok: both packages were installed, ran, and left nothing but recordings"
