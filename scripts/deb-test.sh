@@ -127,6 +127,7 @@ say "removing"
 cp recordings/cup.mcap "$root/var/lib/scand/recordings/kept.mcap"
 # Recordings of a rig whose configuration names another folder.
 mkdir -p "$root/var/lib/scand/hall" && cp recordings/cup.mcap "$root/var/lib/scand/hall/kept.mcap"
+ln -s /etc/passwd "$root/var/lib/scand/recordings/link"
 mkdir -p "$root/etc/scand" && echo "# mine" >"$root/etc/scand/rig.toml"
 mkdir -p "$root/var/lib/scand/models" && touch "$root/var/lib/scand/models/a"
 inside apt-get purge -y -qq scand-worker >/dev/null
@@ -134,11 +135,22 @@ inside scand --version >/dev/null || fail "purging the worker took the rig's pro
 inside apt-get remove -y -qq scand >/dev/null
 [ -e "$root/etc/scand/rig.toml" ] || fail "removing took the configuration"
 inside apt-get purge -y -qq scand >/dev/null
-left=$(diff <(echo "$before") <(files) | grep '^[<>]' || true)
-expected=$(printf '> ./var/lib/scand%s\n' "" /hall /hall/kept.mcap /recordings /recordings/kept.mcap)
-[ "$left" = "$expected" ] || fail "left behind: $left"
-[ "$users" = "$(accounts)" ] || fail "users are left"
+expected=$(printf '> ./var/lib/scand%s\n' "" /hall /hall/kept.mcap /recordings /recordings/kept.mcap /recordings/link)
+expect_recordings_alone() {
+	left=$(diff <(echo "$before") <(files) | grep '^[<>]' || true)
+	[ "$left" = "$expected" ] || fail "left behind: $left"
+	[ "$users" = "$(accounts)" ] || fail "users are left"
+}
+expect_recordings_alone
 for folder in recordings hall; do
 	cmp recordings/cup.mcap "$root/var/lib/scand/$folder/kept.mcap" || fail "the recording in $folder"
 done
+
+say "installing again after the purge"
+inside apt-get install -y -qq --no-install-recommends /tmp/scand.deb >/dev/null
+others=$(inside find /var/lib/scand ! -user scand -o ! -group scand)
+[ -z "$others" ] || fail "not the daemon's: $others"
+[ "$(inside stat -c '%U:%G' /etc/passwd)" = root:root ] || fail "what a link leads to has another owner"
+inside apt-get purge -y -qq scand >/dev/null
+expect_recordings_alone
 say "ok: both packages were installed, ran, and left nothing but recordings"
