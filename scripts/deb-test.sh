@@ -88,6 +88,8 @@ users=$(accounts)
 inside apt-get install -y -qq --no-install-recommends /tmp/scand-worker.deb >/dev/null
 inside apt-get install -y -qq --no-install-recommends /tmp/scand.deb >/dev/null
 
+dpkg-deb --info "$package" preinst >/dev/null || fail "the package has no preinst"
+
 say "running"
 inside scand --version
 [ "$(inside ldd /usr/bin/scand | grep -c 'not found')" -eq 0 ] || fail "libraries are missing"

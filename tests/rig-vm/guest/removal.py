@@ -57,6 +57,14 @@ def removed():
     expect([name for name in os.listdir(scand.RECORDINGS) if name.endswith(".part")], [], "recordings not completed")
 
 
+@chapter.step("installed again, the rig is at work without a boot, and so is the foot switch")
+def installed_again():
+    service.install()
+    for name in ("scand.socket", "scand.service", plugged[0].unit):
+        until(f"{name} is active", lambda name=name: scand.active(name) == "active")
+    contains(scand.ask("trigger"), "durable in /var/lib/scand/recordings/")
+
+
 @chapter.step("purged, it leaves the recordings as root's, and no user, no group, no rule")
 def purged():
     run("apt-get", "purge", "--yes", "scand", timeout=300)
