@@ -23,18 +23,22 @@ def end():
 chapter = Chapter("removal", end)
 
 
-@chapter.step("an upgrade starts the daemon anew; a press meanwhile waits for it, and what was durable is kept")
+@chapter.step("an upgrade starts the daemon and the foot switch anew; a press meanwhile waits for it, and what was durable is kept")
 def upgraded():
     vivid.load([vivid.WEBCAM] * 2)
     service.configure()
     scand.start()
     plugged.append(Switch())
+    switch = plugged[0].unit
+    until("the foot switch's unit is active", lambda: scand.active(switch) == "active")
     scand.ask("session", "start", "before")
     durable = scand.ask("trigger", "--press-id", "before-1")
-    (pid,) = scand.unit("scand.service", "MainPID")
+    units = ("scand.service", switch)
+    before = [scand.unit(name, "MainPID") for name in units]
     service.install("--reinstall")
-    until("the daemon is active", lambda: scand.active() == "active")
-    expect(scand.unit("scand.service", "MainPID")[0] != pid, True, "another process")
+    for name, old in zip(units, before):
+        until(f"{name} is active", lambda name=name: scand.active(name) == "active")
+        expect(scand.unit(name, "MainPID") != old, True, f"another process of {name}")
     again = scand.ask("trigger", "--press-id", "before-1")
     expect(again.splitlines()[-1].split(":")[0], durable.splitlines()[-1].split(":")[0], "the capture of the same press")
     contains(scand.ask("info", scand.recording("before")), "complete")
