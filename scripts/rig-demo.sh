@@ -14,9 +14,10 @@ fi
 ip link set lo up
 for n in $(seq 1 11); do ip address add "127.0.1.$n/8" dev lo 2>/dev/null || true; done
 
-scand=$PWD/${SCAND:-target/release/scand}
-recording=$PWD/${1:-recordings/cup.mcap}
-out=$PWD/${OUT:-out/rig-demo}
+# Absolute, for the folder changes below.
+scand=$(realpath -m "${SCAND:-target/release/scand}")
+recording=$(realpath -m "${1:-recordings/cup.mcap}")
+out=$(realpath -m "${OUT:-out/rig-demo}")
 if [ -e "$out" ]; then
 	echo "rig-demo: $out already exists; remove it first" >&2
 	exit 1

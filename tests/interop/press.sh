@@ -11,7 +11,7 @@ mkdir -p "$(dirname "$work")"
 # Cameras, daemon, background pictures, a session, a press, its model.
 cd "$root"
 export ABOUT=operator=Zacharias SUBJECT=1884.3
-OUT=$(realpath -m --relative-to=. "$work") SCAND=$(realpath --relative-to=. "$scand") scripts/rig-demo.sh recordings/cup.mcap
+OUT=$work SCAND=$scand scripts/rig-demo.sh recordings/cup.mcap
 cd "$work"
 "$scand" note demo-0001 accept --author Zacharias --recording recordings/demo.mcap
 # The object's number, the session and the capture each name the same recording here.
