@@ -57,6 +57,7 @@ pub use parse::parse;
 use std::path::Path;
 use std::process::ExitCode;
 use std::sync::OnceLock;
+use std::sync::atomic::{AtomicBool, Ordering};
 
 pub use crate::workers::protocol::EXIT_INCOMPLETE;
 use crate::{storage, trigger};
@@ -77,17 +78,29 @@ pub const EXIT_CONFIGURATION: u8 = 78;
 /// models that are being made.
 static OUTPUT_ERROR: OnceLock<std::io::Error> = OnceLock::new();
 
+/// Whether nobody reads the standard output any more, as when `head` has the lines that it wanted.
+static OUTPUT_IS_CLOSED: AtomicBool = AtomicBool::new(false);
+
 /// Writes a text and the end of its line, if it has none, to the standard output.
 fn write_out(text: &str) {
     use std::io::Write;
     let end = if text.ends_with('\n') { "" } else { "\n" };
     let mut output = std::io::stdout().lock();
     let written = write!(output, "{text}{end}").and_then(|()| output.flush());
-    if let Err(error) = written
-        && error.kind() != std::io::ErrorKind::BrokenPipe
-    {
-        let _first = OUTPUT_ERROR.set(error);
+    match written {
+        Ok(()) => {}
+        Err(error) if error.kind() == std::io::ErrorKind::BrokenPipe => {
+            OUTPUT_IS_CLOSED.store(true, Ordering::Relaxed);
+        }
+        Err(error) => {
+            let _first = OUTPUT_ERROR.set(error);
+        }
     }
+}
+
+/// Whether a line found no reader: what has nothing to do but to print may end.
+fn is_output_closed() -> bool {
+    OUTPUT_IS_CLOSED.load(Ordering::Relaxed)
 }
 
 /// The exit code of a run that would end with `code`: failure, with a message, if results could not be printed.

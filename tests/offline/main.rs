@@ -6,6 +6,7 @@ mod board_shape;
 mod calibrate;
 mod calibrated_rig;
 mod calibration_trial;
+mod client;
 mod desk;
 mod disasters;
 mod evaluate;

@@ -2,7 +2,7 @@
 
 use super::decision_word::{self, KINDS};
 use super::status_table;
-use crate::commands::{EXIT_BUSY, is_away, wrong_usage};
+use crate::commands::{EXIT_BUSY, is_away, is_output_closed, wrong_usage};
 use crate::level::Level;
 use crate::recording::{self, Recording, note_beside};
 use crate::trigger::{self, Client, Event, Reply, Request, SOCKET, Until};
@@ -296,7 +296,7 @@ pub fn status(args: StatusArgs) -> anyhow::Result<ExitCode> {
     }
 }
 
-/// Prints what happens.
+/// Prints what happens, as long as somebody reads it.
 pub fn events(args: EventsArgs) -> anyhow::Result<ExitCode> {
     let Connection { socket, json } = &args.connection;
     let mut client = Client::connect(socket, None)?;
@@ -310,7 +310,7 @@ pub fn events(args: EventsArgs) -> anyhow::Result<ExitCode> {
     if first != Reply::Listening {
         return Ok(ExitCode::FAILURE);
     }
-    loop {
+    while !is_output_closed() {
         let event = match client.event() {
             Err(ended @ trigger::Error::Ended(_)) => {
                 eprintln!("scand: {ended}: ask again when it runs");
@@ -324,6 +324,7 @@ pub fn events(args: EventsArgs) -> anyhow::Result<ExitCode> {
             outln!("{}", words(&event));
         }
     }
+    Ok(ExitCode::SUCCESS)
 }
 
 /// Sends a request and prints the replies, up to the last one.
