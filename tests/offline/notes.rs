@@ -157,6 +157,16 @@ fn a_rejected_capture_is_left_out_until_that_is_taken_back() {
 }
 
 #[test]
+fn a_note_beside_a_recording_is_answered_in_json() {
+    let ball = Ball::new();
+    let told = ball.note("ball-000", &["accept", "--json"]);
+    let told: Value = serde_json::from_str(&told).unwrap();
+    assert_eq!(told["type"], "ok");
+    let words = told["words"].as_str().unwrap();
+    assert!(words.contains("ball.notes.jsonl"), "{words}");
+}
+
+#[test]
 fn a_note_is_one_line_that_no_terminal_obeys() {
     let ball = Ball::new();
     let hostile = "a hand\nFAKED: green\u{1b}[2J\u{1b}]0;title\u{7}\r\u{9b}1A";

@@ -241,7 +241,10 @@ pub fn note(args: NoteArgs) -> anyhow::Result<ExitCode> {
             author: args.author,
         };
         let written = note_beside(&Recording::open(path)?, &note, SystemTime::now().into())?;
-        outln!("{}", written.words());
+        let reply = Reply::Ok {
+            words: written.words(),
+        };
+        print(args.connection.json, &reply, words)?;
         return Ok(ExitCode::SUCCESS);
     }
     let request = Request::Note {
@@ -302,10 +305,8 @@ pub fn events(args: EventsArgs) -> anyhow::Result<ExitCode> {
     let mut client = Client::connect(socket, None)?;
     client.send(&Request::Events {})?;
     let first = client.reply()?;
-    if *json {
-        outln!("{}", serde_json::to_string(&first)?);
-    } else if first != Reply::Listening {
-        outln!("{}", words(&first));
+    if *json || first != Reply::Listening {
+        print(*json, &first, words)?;
     }
     if first != Reply::Listening {
         return Ok(ExitCode::FAILURE);
@@ -318,11 +319,7 @@ pub fn events(args: EventsArgs) -> anyhow::Result<ExitCode> {
             }
             event => event?,
         };
-        if *json {
-            outln!("{}", serde_json::to_string(&event)?);
-        } else {
-            outln!("{}", words(&event));
-        }
+        print(*json, &event, words)?;
     }
     Ok(ExitCode::SUCCESS)
 }
@@ -334,15 +331,20 @@ fn ask(connection: &Connection, request: &Request, until: Until) -> anyhow::Resu
     client.send(request)?;
     loop {
         let reply = client.reply()?;
-        if connection.json {
-            outln!("{}", serde_json::to_string(&reply)?);
-        } else {
-            outln!("{}", reply_words(request, &reply));
-        }
+        print(connection.json, &reply, |reply| reply_words(request, reply))?;
         if reply.is_end(until) {
             return Ok(reply);
         }
     }
+}
+
+/// Prints an event as a line of JSON if that is asked for, otherwise in words.
+fn print(json: bool, event: &Event, words: impl FnOnce(&Event) -> String) -> anyhow::Result<()> {
+    match json {
+        true => outln!("{}", serde_json::to_string(event)?),
+        false => outln!("{}", words(event)),
+    }
+    Ok(())
 }
 
 fn code(last: &Reply) -> ExitCode {
