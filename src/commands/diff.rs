@@ -1,5 +1,6 @@
 //! `scand diff A B`: tells whether two models of one object are the same, and if not, where they differ.
 
+use super::all_is_printed;
 use super::comparison::{ComparisonArgs, model_file};
 use crate::evaluate::load::load;
 use crate::evaluate::picture::{self, Row};
@@ -14,7 +15,7 @@ use std::process::ExitCode;
 const EXIT_TROUBLE: u8 = 2;
 
 /// Compare two models of one object if neither is the truth. The exit code is 0 if they are the same within the
-/// tolerance, 1 if they differ, and 2 if they cannot be compared.
+/// tolerance, 1 if they differ, and 2 if they cannot be compared or the result cannot be printed.
 #[derive(Debug, clap::Args)]
 #[command(after_help = "Examples:
   scand diff before/cup/cup-000 after/cup/cup-000
@@ -67,6 +68,7 @@ fn compare(args: &Args) -> anyhow::Result<Difference> {
     let found = difference(&a, &b, &parameters)?;
     let draw = || draw(&found, &a.mesh, &b.mesh);
     args.comparison.print(&found, || words(&found), draw)?;
+    all_is_printed()?;
     Ok(found)
 }
 

@@ -56,8 +56,8 @@ use clap::{Parser, Subcommand};
 pub use parse::parse;
 use std::path::Path;
 use std::process::ExitCode;
-use std::sync::OnceLock;
 use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Mutex, MutexGuard, PoisonError};
 
 pub use crate::workers::protocol::EXIT_INCOMPLETE;
 use crate::{storage, trigger};
@@ -76,7 +76,7 @@ pub const EXIT_CONFIGURATION: u8 = 78;
 
 /// The first error of the standard output that is not a closed pipe. It ends no work that is in progress, such as
 /// models that are being made.
-static OUTPUT_ERROR: OnceLock<std::io::Error> = OnceLock::new();
+static OUTPUT_ERROR: Mutex<Option<std::io::Error>> = Mutex::new(None);
 
 /// Whether nobody reads the standard output any more, as when `head` has the lines that it wanted.
 static OUTPUT_IS_CLOSED: AtomicBool = AtomicBool::new(false);
@@ -93,7 +93,7 @@ fn write_out(text: &str) {
             OUTPUT_IS_CLOSED.store(true, Ordering::Relaxed);
         }
         Err(error) => {
-            let _first = OUTPUT_ERROR.set(error);
+            output_error().get_or_insert(error);
         }
     }
 }
@@ -103,14 +103,34 @@ fn is_output_closed() -> bool {
     OUTPUT_IS_CLOSED.load(Ordering::Relaxed)
 }
 
+fn output_error() -> MutexGuard<'static, Option<std::io::Error>> {
+    OUTPUT_ERROR.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+/// Whether all results could be printed until now. A command calls this itself if [`check_output`] would give it an
+/// exit code that means something else.
+///
+/// # Errors
+/// If they could not; this is told once.
+fn all_is_printed() -> anyhow::Result<()> {
+    match output_error().take() {
+        None => Ok(()),
+        Some(error) => {
+            let advice = storage::advice(&error);
+            anyhow::bail!("cannot write to standard output: {error}{advice}")
+        }
+    }
+}
+
 /// The exit code of a run that would end with `code`: failure, with a message, if results could not be printed.
 pub fn check_output(code: ExitCode) -> ExitCode {
-    let Some(error) = OUTPUT_ERROR.get() else {
-        return code;
-    };
-    let advice = storage::advice(error);
-    eprintln!("scand: cannot write to standard output: {error}{advice}");
-    ExitCode::FAILURE
+    match all_is_printed() {
+        Ok(()) => code,
+        Err(error) => {
+            eprintln!("scand: {error}");
+            ExitCode::FAILURE
+        }
+    }
 }
 
 /// Refuses to overwrite the existing file of an option unless `force` is given.

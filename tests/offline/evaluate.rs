@@ -179,6 +179,24 @@ fn diff_ends_with_what_it_found() {
 }
 
 #[test]
+fn diff_that_cannot_print_its_result_does_not_say_that_models_differ() {
+    let folder = tempfile::tempdir().unwrap();
+    let model = write_box(folder.path(), "a.ply", [0.06; 3]);
+    let full = std::fs::File::options().write(true).open("/dev/full");
+    let ended = crate::support::program::scand()
+        .arg("diff")
+        .args([&model, &model])
+        .args(["--samples", "5000"])
+        .stdout(full.unwrap())
+        .output()
+        .unwrap();
+    let words = String::from_utf8_lossy(&ended.stderr);
+    assert_eq!(ended.status.code(), Some(2), "{words}");
+    let told = words.matches("cannot write to standard output").count();
+    assert_eq!(told, 1, "{words}");
+}
+
+#[test]
 fn a_change_of_provenance_is_told_by_the_names_that_models_have() {
     let folder = tempfile::tempdir().unwrap();
     let a = write_box(folder.path(), "a.ply", [0.06; 3]);
