@@ -1,7 +1,7 @@
 //! A client of a running daemon: sends a request and reads the replies.
 
 use super::{Event, Reply, Request};
-use std::io::{BufRead, BufReader, Read, Write};
+use std::io::{BufRead, BufReader, ErrorKind, Read, Write};
 use std::os::unix::net::UnixStream;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
@@ -13,14 +13,14 @@ pub const LONGEST_REPLY: u64 = 4 << 20;
 #[derive(Debug, thiserror::Error)]
 #[allow(missing_docs, reason = "the messages say what the fields are")]
 pub enum Error {
-    /// Nobody listens.
-    #[error("{}: {cause}: is the daemon running? Start it with `systemctl start scand` on an installed rig, otherwise with `scand run`", path.display())]
+    /// Nobody listens, or this user may not ask.
+    #[error("{}: {cause}: {}", path.display(), advice(cause))]
     Away {
         path: PathBuf,
         cause: std::io::Error,
     },
     /// The connection broke, or took too long.
-    #[error("{}: {cause}", path.display())]
+    #[error("{}: {}", path.display(), how_it_broke(cause))]
     Broken {
         path: PathBuf,
         cause: std::io::Error,
@@ -37,6 +37,29 @@ pub enum Error {
         /// What should have come.
         expected: &'static str,
     },
+}
+
+/// What to do about a socket that cannot be connected to.
+fn advice(cause: &std::io::Error) -> &'static str {
+    match cause.kind() {
+        ErrorKind::PermissionDenied => {
+            "join the group that may use it: `sudo adduser YOU scand` on an installed rig, which takes effect at the next \
+             login"
+        }
+        _ => {
+            "is the daemon running? Start it with `systemctl start scand` on an installed rig, otherwise with `scand run`"
+        }
+    }
+}
+
+/// How a connection broke. What the system says of a time that is over names neither the time nor who let it pass.
+fn how_it_broke(cause: &std::io::Error) -> String {
+    match cause.kind() {
+        ErrorKind::WouldBlock | ErrorKind::TimedOut => {
+            "the daemon does not answer: it is starting, or hangs; ask again in a minute".into()
+        }
+        _ => cause.to_string(),
+    }
 }
 
 /// A connection to the daemon.
@@ -121,5 +144,38 @@ impl Client {
             path: self.path.clone(),
             cause,
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::os::unix::net::UnixListener;
+
+    #[test]
+    fn who_may_not_use_the_socket_is_told_the_group() {
+        let away = |kind: ErrorKind| {
+            let error = Error::Away {
+                path: "s".into(),
+                cause: kind.into(),
+            };
+            error.to_string()
+        };
+        let denied = away(ErrorKind::PermissionDenied);
+        assert!(denied.contains("sudo adduser YOU scand"), "{denied}");
+        assert!(!denied.contains("running"), "{denied}");
+        let nobody = away(ErrorKind::ConnectionRefused);
+        assert!(nobody.contains("is the daemon running"), "{nobody}");
+    }
+
+    #[test]
+    fn a_daemon_that_lets_the_time_pass_is_said_to_do_so() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("s");
+        let _listener = UnixListener::bind(&path).unwrap();
+        let mut client = Client::connect(&path, Some(Duration::from_millis(20))).unwrap();
+        client.send(&Request::Status {}).unwrap();
+        let words = client.reply().unwrap_err().to_string();
+        assert!(words.contains("it is starting, or hangs"), "{words}");
     }
 }
