@@ -3,7 +3,8 @@
 use super::{Finding, State};
 use crate::words::count;
 use std::io::{ErrorKind, Write};
-use std::path::Path;
+use std::path::{Path, PathBuf};
+use std::process::Command;
 use std::time::{Duration, Instant, SystemTime};
 
 /// Bytes written to measure a disk's speed.
@@ -11,27 +12,115 @@ const SAMPLE: usize = 64 << 20;
 /// A capture should be durable within this many seconds; if it takes longer, presses wait for the disk.
 const LONGEST_SECONDS: f64 = 3.0;
 
-/// Checks that a file can be created in a folder; returns the finding, and whether the folder's speed can be measured.
-/// While the daemon answers, this check's own user need not have the right to write there.
+const FOLDER: &str = "recordings' folder";
+const FOLDER_REMEDY: &str =
+    "create it for the daemon's user: install -d -o scand -g scand -m 750 FOLDER";
+
+/// Checks that the daemon can create a file in a folder; returns the finding, and whether the folder's speed can be
+/// measured. Root may write everywhere and says nothing about the daemon, so it tries as the daemon's user, if the
+/// package has made that.
 pub fn folder(path: &Path, daemon_answers: bool) -> (Finding, bool) {
-    let subject = "recordings' folder";
-    let trial = path.join(format!(".scand-check-{}", std::process::id()));
+    let is_root = rustix::process::geteuid().is_root();
+    match is_root.then(|| User::named("scand")).flatten() {
+        Some(user) => folder_of(&user, path),
+        None => folder_of_this_user(path, daemon_answers),
+    }
+}
+
+/// While the daemon answers, this check's own user need not have the right to write there.
+fn folder_of_this_user(path: &Path, daemon_answers: bool) -> (Finding, bool) {
+    let trial = trial(path);
     let made = std::fs::File::create_new(&trial);
     let _ = std::fs::remove_file(&trial);
     let found = path.display().to_string();
     let cause = match made {
-        Ok(_) => return (Finding::ok(subject, found), true),
+        Ok(_) => return (Finding::ok(FOLDER, found), true),
         Err(cause) => cause,
     };
     if daemon_answers && cause.kind() == std::io::ErrorKind::PermissionDenied && path.is_dir() {
         let found = format!(
             "{found}: only the daemon may write there; run `sudo scand check` to measure its speed"
         );
-        return (Finding::ok(subject, found), false);
+        return (Finding::ok(FOLDER, found), false);
     }
-    let remedy = "create it for the daemon's user: install -d -o scand -g scand -m 750 FOLDER";
     let found = format!("{found}: {cause}");
-    (Finding::not_ok(State::Wrong, subject, found, remedy), false)
+    (
+        Finding::not_ok(State::Wrong, FOLDER, found, FOLDER_REMEDY),
+        false,
+    )
+}
+
+/// Tries a folder as another user, which only root may.
+fn folder_of(user: &User, path: &Path) -> (Finding, bool) {
+    let trial = trial(path);
+    let made = user.make(&trial);
+    let _ = std::fs::remove_file(&trial);
+    let (found, name) = (path.display(), &user.name);
+    if let Err(cause) = made {
+        let found = format!("{found}: user {name} cannot write there: {cause}");
+        let finding = Finding::not_ok(State::Wrong, FOLDER, found, FOLDER_REMEDY);
+        return (finding, false);
+    }
+    let mut found = found.to_string();
+    if !path.starts_with(OPEN) {
+        found += &format!(
+            ": user {name} may write there; whether the sandbox of scand.service allows it was not tried \
+             (docs/installing.md, \"Another disk\")"
+        );
+    }
+    (Finding::ok(FOLDER, found), true)
+}
+
+/// Where the sandbox of `scand.service` lets the daemon write.
+const OPEN: &str = "/var/lib/scand";
+
+fn trial(folder: &Path) -> PathBuf {
+    folder.join(format!(".scand-check-{}", std::process::id()))
+}
+
+/// A user of this machine.
+#[derive(Debug)]
+struct User {
+    name: String,
+    /// The numbers of the user and of its group.
+    uid: String,
+    gid: String,
+}
+
+impl User {
+    /// The user of a name, if there is one in the machine's own list.
+    fn named(name: &str) -> Option<Self> {
+        let users = std::fs::read_to_string("/etc/passwd").ok()?;
+        users.lines().find_map(|line| {
+            let mut fields = line.split(':');
+            let [found, _, uid, gid]: [&str; 4] =
+                std::array::from_fn(|_| fields.next().unwrap_or_default());
+            (found == name).then(|| Self {
+                name: found.into(),
+                uid: uid.into(),
+                gid: gid.into(),
+            })
+        })
+    }
+
+    /// Makes an empty file with all rights of this user, and no others; or says why that is not possible.
+    fn make(&self, file: &Path) -> Result<(), String> {
+        let mut command = Command::new("setpriv");
+        command
+            .arg(format!("--reuid={}", self.uid))
+            .arg(format!("--regid={}", self.gid))
+            .args(["--init-groups", "--", "touch", "--"])
+            .arg(file)
+            .env("LC_ALL", "C");
+        let ended = command.output().map_err(|e| format!("setpriv: {e}"))?;
+        if ended.status.success() {
+            return Ok(());
+        }
+        let words = String::from_utf8_lossy(&ended.stderr);
+        // The cause stands last, behind the name of the file.
+        let cause = words.trim().rsplit(": ").next();
+        Err(cause.unwrap_or_default().to_owned())
+    }
 }
 
 /// With space for fewer captures, the check advises to make space before the work begins. The operator's page, which
@@ -69,7 +158,7 @@ pub fn space(free: std::io::Result<u64>, capture_bytes: u64, keep_free_bytes: u6
 /// Measures how fast a folder's disk makes data durable, and how long a capture takes. Writes 64 MiB and removes them.
 pub fn speed(path: &Path, capture_bytes: u64) -> Finding {
     let subject = "disk: speed";
-    let trial = path.join(format!(".scand-check-{}", std::process::id()));
+    let trial = trial(path);
     let measured = write(&trial);
     let _ = std::fs::remove_file(&trial);
     match measured {
@@ -169,6 +258,8 @@ pub fn plates(recordings: &Path, limit_h: f64) -> Finding {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::support::skipped::{Needed, skip};
+    use std::os::unix::fs::PermissionsExt;
 
     #[test]
     fn room_is_counted_in_captures() {
@@ -195,12 +286,33 @@ mod tests {
     #[test]
     fn a_folder_is_tried_and_left_as_it_was() {
         let at = tempfile::tempdir().unwrap();
+        let folder = folder_of_this_user;
         assert_eq!(folder(at.path(), false).0.state, State::Ok);
         assert_eq!(speed(at.path(), 1).state, State::Ok);
         assert_eq!(std::fs::read_dir(at.path()).unwrap().count(), 0);
         let missing = at.path().join("none");
         assert_eq!(folder(&missing, true).0.state, State::Wrong);
         assert_eq!(speed(&missing, 1).state, State::Wrong);
+    }
+
+    #[test]
+    fn root_tries_a_folder_as_the_daemons_user() {
+        if !rustix::process::geteuid().is_root() {
+            return skip(Needed::OtherUsers, "this user is not root");
+        }
+        let nobody = User::named("nobody").unwrap();
+        // Where every user may go.
+        let at = tempfile::tempdir_in("/tmp").unwrap();
+        let (closed, is_writable) = folder_of(&nobody, at.path());
+        assert_eq!((closed.state, is_writable), (State::Wrong, false));
+        let cause = "user nobody cannot write there: Permission denied";
+        assert!(closed.found.ends_with(cause), "{closed:?}");
+        std::fs::set_permissions(at.path(), PermissionsExt::from_mode(0o777)).unwrap();
+        let (open, is_writable) = folder_of(&nobody, at.path());
+        assert_eq!((open.state, is_writable), (State::Ok, true));
+        assert!(open.found.contains("sandbox"), "{open:?}");
+        assert_eq!(std::fs::read_dir(at.path()).unwrap().count(), 0);
+        assert!(User::named("nobody-such").is_none());
     }
 
     #[test]
