@@ -345,9 +345,21 @@ fn take_depth(options: &mut Options, args: DepthArgs) {
     take(&mut options.depth_distance, args.depth_distance);
     let depth = &mut options.depth;
     if args.depth_perfect {
+        let DepthSensor {
+            noise_steps,
+            pattern_steps,
+            quantized,
+            holes,
+            smear_px,
+            ..
+        } = DepthSensor::perfect();
         *depth = DepthSensor {
-            frames: depth.frames,
-            ..DepthSensor::perfect()
+            noise_steps,
+            pattern_steps,
+            quantized,
+            holes,
+            smear_px,
+            ..depth.clone()
         };
     }
     take(&mut depth.frames, args.depth_frames);
@@ -359,4 +371,38 @@ fn take_depth(options: &mut Options, args: DepthArgs) {
     take(&mut depth.response, args.depth_response);
     take(&mut depth.color_every, args.depth_color_every);
     take(&mut depth.color_jpeg_quality, args.depth_color_jpeg);
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use clap::Parser;
+
+    #[derive(Debug, Parser)]
+    struct Call {
+        #[command(flatten)]
+        args: Args,
+    }
+
+    fn depth_of(line: &str) -> DepthSensor {
+        let call = ["simulate", "--out", "a.mcap"].into_iter();
+        let call = Call::parse_from(call.chain(line.split(' ')));
+        options(call.args).0.depth
+    }
+
+    #[test]
+    fn perfect_readings_keep_all_that_is_no_noise() {
+        let expected = DepthSensor {
+            noise_steps: 0.0,
+            pattern_steps: 0.0,
+            quantized: false,
+            holes: false,
+            smear_px: 0.0,
+            ..depth_of("--preset ball")
+        };
+        assert!(expected.bias_mm > 0.0 && expected.misregistration_px > 0.0);
+        assert_eq!(depth_of("--preset ball --depth-perfect"), expected);
+        let written = depth_of("--preset written-response --depth-perfect");
+        assert_eq!(written.response, Response::Written);
+    }
 }
