@@ -49,6 +49,26 @@ fn simulations_that_cannot_be_are_wrong_usage() {
 }
 
 #[test]
+fn what_happens_to_an_object_or_a_calibration_is_wrong_usage_with_a_board() {
+    for options in [
+        "--chip 0=5mm",
+        "--pit 0=5mm",
+        "--exchanged 0=ball",
+        "--prop 0=20mm",
+        "--props-ignored",
+        "--lost-piece 0=5mm",
+        "--calibration-px 0.2",
+        "--calibration-scale-percent 1",
+        "--doubtful-calibration old",
+    ] {
+        let words = refused(&format!(
+            "simulate --calibration-session --out a.mcap {options}"
+        ));
+        assert!(words.contains("cannot be used with"), "{options}: {words}");
+    }
+}
+
+#[test]
 fn boards_that_cannot_be_are_wrong_usage() {
     for (options, named) in [
         ("checkerboard --size 0x0", "0x0"),

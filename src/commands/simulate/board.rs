@@ -16,7 +16,8 @@ pub(super) struct BoardArgs {
     /// Show a calibration board instead of an object, at one placement after the other. The rig is the same as for an
     /// object, except that its depth camera is 1.3 m away by default.
     #[arg(long, conflicts_with_all = [
-        "preset", "captures", "masks", "textured", "rings", "no_background", "empty_table",
+        "preset", "captures", "masks", "textured", "rings", "no_background", "empty_table", "doubtful_calibration",
+        "chip", "pit", "exchanged", "prop", "props_ignored", "lost_piece", "calibration_px", "calibration_scale_percent",
     ])]
     pub calibration_session: bool,
     /// The board, such as checkerboard:11x8:25mm or charuco:11x8:25mm:two-sided.
