@@ -491,7 +491,7 @@ fn regions_of(
             bias,
         } = seen;
         let (in_rig, volume) = fused_captures.depth_in_its_rig(scene, number);
-        let outline = region::outline_offset(in_rig, &front, &bias, volume);
+        let outline = region::outline_offset(in_rig, &front, &bias);
         let mut regions = region::find(front, &enhanced, bias, &object, &parameters.region);
         let camera = &view.camera;
         add_free_space(&mut regions, &enhanced, &object, camera, errors, parameters);

@@ -55,6 +55,7 @@ pub(super) fn evidence(depth: f32, labels: Grid<u16>) -> (EnhancedDepth, Regions
             found: 0.0,
             remaining: 0.0,
             source: BiasSource::None,
+            table: 0.0,
         },
     };
     (enhanced, regions)

@@ -2,7 +2,7 @@
 //! It is used no further than the calibration's uncertainty allows.
 
 use super::Parameters;
-use super::front::{HullRenderings, stands_on_table};
+use super::front::HullRenderings;
 use crate::calibration::{DepthCamera, Volume};
 use crate::image::{Grid, Mask};
 use crate::reconstruct::DepthView;
@@ -20,6 +20,9 @@ pub struct Bias {
     pub remaining: f64,
     /// What it was estimated from.
     pub source: BiasSource,
+    /// Height of the table in the rig's frame, in metres; of the likeliest plane where none was read.
+    #[serde(skip)]
+    pub table: f64,
 }
 
 /// Where the true depth was known.
@@ -51,6 +54,8 @@ const FAR_AROUND: f64 = 4.0;
 const TABLE_BAND: f64 = 0.03;
 /// Metres within which a plane nearer than the table is looked for: that of a rig whose calibration is of another size.
 const NEARER_PLANE: f64 = 0.5;
+/// Metres from z = 0 within which the volume's floor is that plane.
+const SAME_PLANE: f64 = 2e-3;
 
 impl Bias {
     /// Estimates the offset from the table around the object; where the table is not seen, as `from_hull` does.
@@ -62,8 +67,10 @@ impl Bias {
         from_hull: impl FnOnce() -> Option<(f64, f64)>,
     ) -> Self {
         let allowed = stated_bias(&view.camera, parameters);
-        let (found, remaining, source) = from_table(view, volume, object)
-            .map(|(found, error)| (found, error, BiasSource::Table))
+        let of_table = from_table(view, volume, object);
+        let table = of_table.map_or(heights_of_table(volume)[0], |(table, _)| table);
+        let (found, remaining, source) = of_table
+            .map(|(_, (found, error))| (found, error, BiasSource::Table))
             .or_else(|| from_hull().map(|(found, error)| (found, error, BiasSource::Hull)))
             .unwrap_or((0.0, allowed, BiasSource::None));
         // An offset that is only noise would make the depth worse.
@@ -73,6 +80,7 @@ impl Bias {
             found,
             remaining: remaining.hypot(found - metres),
             source,
+            table,
         }
     }
 }
@@ -87,70 +95,103 @@ pub fn stated_bias(camera: &DepthCamera, parameters: &Parameters) -> f64 {
     }
 }
 
-/// The median distance of readings around the object behind the table's plane, and its error: how much it
-/// differs from place to place, for the object stands in yet another one.
-fn from_table(view: &DepthView, volume: &Volume, object: &Mask) -> Option<(f64, f64)> {
-    if !stands_on_table(volume) {
-        return None;
-    }
-    plane_around(view, volume, object, 0.0).or_else(|| {
-        let nearer = nearer_plane(view, volume, object)?;
-        plane_around(view, volume, object, nearer)
+/// The table's height, and the median distance of readings around the object behind it with its error: how much that
+/// differs from place to place, for the object stands in yet another one. Of several heights the one that explains the
+/// readings best.
+fn from_table(view: &DepthView, volume: &Volume, object: &Mask) -> Option<(f64, (f64, f64))> {
+    let at = |table| Around {
+        view,
+        volume,
+        object,
+        table,
+    };
+    let heights = heights_of_table(volume);
+    let found = heights
+        .iter()
+        .filter_map(|&table| Some((table, at(table).plane(0.0)?)));
+    let nearest = found.min_by(|a, b| a.1.0.abs().total_cmp(&b.1.0.abs()));
+    nearest.or_else(|| {
+        let around = at(heights[0]);
+        let nearer = around.nearer_plane()?;
+        Some((around.table, around.plane(nearer)?))
     })
 }
 
-/// Where most readings around the object are, if that is nearer than the table by more than [`TABLE_BAND`]. Nothing
-/// covers the whole table; farther away than it may be what lies below a turntable.
-fn nearer_plane(view: &DepthView, volume: &Volume, object: &Mask) -> Option<f64> {
-    let mut offsets: Vec<f32> = Vec::new();
-    for_each_around(view, volume, object, AROUND, |_, _, offset| {
-        if offset.abs() < NEARER_PLANE {
-            offsets.push(offset as f32);
-        }
-    });
-    let center = f64::from(lower_median(&mut offsets)?);
-    let near = offsets
-        .iter()
-        .filter(|&&offset| (f64::from(offset) - center).abs() < TABLE_BAND);
-    (center < -TABLE_BAND && 2 * near.count() > offsets.len()).then_some(center)
-}
-
-/// Calls for each third pixel beside the object whose ray meets the table around it, with how far the reading there is
-/// behind the table.
-fn for_each_around(
-    view: &DepthView,
-    volume: &Volume,
-    object: &Mask,
-    reach: f64,
-    mut call: impl FnMut(usize, usize, f64),
-) {
-    for y in (0..object.height()).step_by(3) {
-        for x in (0..object.width()).step_by(3) {
-            if object[(x, y)] >= 128 {
-                continue;
-            }
-            let pixel = Point2::new(x as f64, y as f64);
-            if let Some(table) = depth_of_table(&view.camera, pixel)
-                && let Some(depth) = mean_depth(view, x, y)
-                && is_around(&view.camera, pixel, table, volume, reach)
-            {
-                call(x, y, depth - table);
-            }
-        }
+/// Heights at which the table may be, the likeliest first: the volume stands on it, but its floor may also cut off what
+/// lies on a table at z = 0, where calibration puts it.
+fn heights_of_table(volume: &Volume) -> Vec<f64> {
+    let floor = volume.min.z;
+    if floor.abs() < SAME_PLANE {
+        vec![0.0]
+    } else {
+        vec![floor, 0.0]
     }
 }
 
-/// The median distance behind the table of the readings within [`TABLE_BAND`] of `offset`, and its error.
-fn plane_around(
-    view: &DepthView,
-    volume: &Volume,
-    object: &Mask,
-    offset: f64,
-) -> Option<(f64, f64)> {
-    let tiles = tiles_around(view, volume, object, AROUND, offset, TILE);
-    let places = medians_of(&tiles, LEAST_PIXELS / 4);
-    let (center, error) = robust_center(tiles.concat())?;
-    Some((center, error.max(spread_of(places))))
+/// The surroundings of an object on a table of some height.
+struct Around<'a> {
+    view: &'a DepthView,
+    volume: &'a Volume,
+    object: &'a Mask,
+    table: f64,
+}
+
+impl Around<'_> {
+    /// Where most readings around the object are, if that is nearer than the table by more than [`TABLE_BAND`]. Nothing
+    /// covers the whole table; farther away than it may be what lies below a turntable.
+    fn nearer_plane(&self) -> Option<f64> {
+        let mut offsets: Vec<f32> = Vec::new();
+        self.for_each(AROUND, |_, _, offset| {
+            if offset.abs() < NEARER_PLANE {
+                offsets.push(offset as f32);
+            }
+        });
+        let center = f64::from(lower_median(&mut offsets)?);
+        let near = offsets
+            .iter()
+            .filter(|&&offset| (f64::from(offset) - center).abs() < TABLE_BAND);
+        (center < -TABLE_BAND && 2 * near.count() > offsets.len()).then_some(center)
+    }
+
+    /// Calls for each third pixel beside the object whose ray meets the table around it, with how far the reading there
+    /// is behind the table.
+    fn for_each(&self, reach: f64, mut call: impl FnMut(usize, usize, f64)) {
+        let camera = &self.view.camera;
+        for y in (0..self.object.height()).step_by(3) {
+            for x in (0..self.object.width()).step_by(3) {
+                if self.object[(x, y)] >= 128 {
+                    continue;
+                }
+                let pixel = Point2::new(x as f64, y as f64);
+                if let Some(table) = depth_of_table(camera, pixel, self.table)
+                    && let Some(depth) = mean_depth(self.view, x, y)
+                    && is_around(camera, pixel, table, self.volume, reach)
+                {
+                    call(x, y, depth - table);
+                }
+            }
+        }
+    }
+
+    /// The median distance behind the table of the readings within [`TABLE_BAND`] of `offset`, and its error.
+    fn plane(&self, offset: f64) -> Option<(f64, f64)> {
+        let tiles = self.tiles(AROUND, offset, TILE);
+        let places = medians_of(&tiles, LEAST_PIXELS / 4);
+        let (center, error) = robust_center(tiles.concat())?;
+        Some((center, error.max(spread_of(places))))
+    }
+
+    /// How far the readings within [`TABLE_BAND`] of `offset` are behind the table, in squares of `side` pixels.
+    fn tiles(&self, reach: f64, offset: f64, side: usize) -> Vec<Vec<f32>> {
+        let columns = self.object.width().div_ceil(side);
+        let mut tiles = vec![Vec::new(); columns * self.object.height().div_ceil(side)];
+        self.for_each(reach, |x, y, behind| {
+            if (behind - offset).abs() < TABLE_BAND {
+                tiles[y / side * columns + x / side].push(behind as f32);
+            }
+        });
+        tiles
+    }
 }
 
 /// Standard deviation of the bias between places of the table around the object, squares of `side` pixels: a sensor's
@@ -164,28 +205,15 @@ pub(super) fn spread_between_places(
     side: usize,
 ) -> f64 {
     let side = side.clamp(LEAST_SIDE, TILE);
-    let tiles = tiles_around(view, volume, object, FAR_AROUND, bias.found, side);
+    let around = Around {
+        view,
+        volume,
+        object,
+        table: bias.table,
+    };
+    let tiles = around.tiles(FAR_AROUND, bias.found, side);
     // Each third pixel of each third row is looked at.
     spread_of(medians_of(&tiles, side * side / 18))
-}
-
-/// How far the readings within [`TABLE_BAND`] of `offset` are behind the table, in squares of `side` pixels.
-fn tiles_around(
-    view: &DepthView,
-    volume: &Volume,
-    object: &Mask,
-    reach: f64,
-    offset: f64,
-    side: usize,
-) -> Vec<Vec<f32>> {
-    let columns = object.width().div_ceil(side);
-    let mut tiles = vec![Vec::new(); columns * object.height().div_ceil(side)];
-    for_each_around(view, volume, object, reach, |x, y, behind| {
-        if (behind - offset).abs() < TABLE_BAND {
-            tiles[y / side * columns + x / side].push(behind as f32);
-        }
-    });
-    tiles
 }
 
 /// The medians of the tiles that have at least so many readings.
@@ -211,10 +239,11 @@ fn is_around(
     })
 }
 
-/// Depth at which a pixel's ray meets the plane z = 0 of the rig.
-pub(super) fn depth_of_table(camera: &DepthCamera, pixel: Point2<f64>) -> Option<f64> {
-    let height = |depth: f64| camera.point(pixel, depth).map(|p: Point3<f64>| p.z);
-    let start = camera.camera.center().z.abs().max(0.1);
+/// Depth at which a pixel's ray meets the table, a level plane at the height `table` in the rig's frame.
+pub(super) fn depth_of_table(camera: &DepthCamera, pixel: Point2<f64>, table: f64) -> Option<f64> {
+    let above = |p: Point3<f64>| p.z - table;
+    let height = |depth: f64| camera.point(pixel, depth).map(above);
+    let start = above(camera.camera.center()).abs().max(0.1);
     // A ray is straight but for the response's scale; two secant steps find its foot.
     let (mut a, mut b) = (start, start * 1.01);
     for _ in 0..4 {

@@ -1,7 +1,7 @@
 //! The hull as a depth camera sees it: the front surface S (equations 3 and 4), its depth Ds, and where a
 //! ray first leaves the hull again.
 
-use crate::calibration::{DepthCamera, Volume};
+use crate::calibration::DepthCamera;
 use crate::image::{Grid, Mask};
 use crate::mesh::{Fragment, Mesh, rasterize};
 use crate::statistics::lower_median;
@@ -156,9 +156,4 @@ pub fn front_vertices(
 fn faces_away(projected: &[[f32; 3]], triangle: &[u32; 3]) -> bool {
     let [a, b, c] = triangle.map(|v| projected[v as usize]);
     (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0]) > 0.0
-}
-
-/// Whether a rig's volume stands on the table: z = 0 on rigs of ours.
-pub(super) fn stands_on_table(volume: &Volume) -> bool {
-    volume.min.z.abs() < 2e-3
 }

@@ -3,8 +3,7 @@
 //! out. A wrong focal length moves no reading of the table, but every outline. Nothing here carves.
 
 use super::bias::{Bias, depth_of_table, mean_depth};
-use super::front::{HullRenderings, stands_on_table};
-use crate::calibration::Volume;
+use super::front::HullRenderings;
 use crate::reconstruct::DepthView;
 use nalgebra::{Point2, Vector2};
 use rayon::prelude::*;
@@ -32,16 +31,12 @@ const FEWEST_READINGS: usize = 3;
 /// Fewest places that make a mean.
 const FEWEST_PLACES: usize = 15;
 
-/// Compares the two outlines; `None` where the table behind the object is not known, or was read in too few places.
+/// Compares the two outlines; `None` where what is behind the object was read in too few places.
 pub fn outline_offset(
     view: &DepthView,
     front: &HullRenderings,
     bias: &Bias,
-    volume: &Volume,
 ) -> Option<OutlineOffset> {
-    if !stands_on_table(volume) {
-        return None;
-    }
     let outline = Outline { view, front, bias };
     let (width, height) = (front.depth.width() as isize, front.depth.height() as isize);
     let rows = REACH_PX..height - REACH_PX;
@@ -105,7 +100,7 @@ impl Outline<'_> {
             return None;
         }
         let pixel = Point2::new(x as f64, y as f64);
-        let table = depth_of_table(&self.view.camera, pixel)? as f32;
+        let table = depth_of_table(&self.view.camera, pixel, self.bias.table)? as f32;
         let (inner_x, inner_y) = at(-1);
         let exit = *self
             .front

@@ -5,7 +5,7 @@ use crate::calibration::{Camera, DepthCamera, DepthResponse, Distortion, Intrins
 use crate::frame::CameraId;
 use crate::mesh::{Mesh, vertex_normals};
 use crate::reconstruct::depth::{Facts, SensorNoise};
-use crate::reconstruct::testing;
+use crate::reconstruct::{DepthFrame, testing};
 use nalgebra::{Isometry3, Point3, Vector2, Vector3};
 
 fn overhead() -> DepthCamera {
@@ -82,6 +82,64 @@ fn a_camera_whose_recording_states_no_bias_may_be_off_by_ten_millimetres() {
     assert!((stated(&camera) - 10e-3).abs() < 1e-9);
     camera.response.uncertainty = 2e-3;
     assert!((stated(&camera) - 2e-3).abs() < 1e-9);
+}
+
+/// What is found of the block on a table whose height is `table`, in a volume whose floor is at `floor`, if all depth is
+/// off by `off_mm`.
+fn found_on_table(table: f64, floor: f64, off_mm: i32) -> (Bias, Option<OutlineOffset>) {
+    let (mesh, mut camera) = (block(), overhead());
+    // As seen from the camera, nothing moves.
+    let front = HullRenderings::render(&mesh, &vertex_normals(&mesh), &camera, 0.3);
+    let pose = Isometry3::translation(0.0, 0.0, table) * camera.camera.rig_from_camera;
+    camera.camera = Camera::new(camera.camera.id, camera.camera.intrinsics, pose);
+    let true_mm = |depth: f32| {
+        if depth.is_finite() {
+            1e3 * depth
+        } else {
+            800.0
+        }
+    };
+    let read = |&depth: &f32| (true_mm(depth).round() as i32 + off_mm) as u16;
+    let frame = DepthFrame {
+        readings: front.depth.map(read),
+        color: None,
+    };
+    let view = DepthView {
+        camera,
+        frames: vec![frame],
+    };
+    let (low, high) = ([-0.2, -0.2, floor], [0.2, 0.2, floor + 0.2]);
+    let volume = Volume::new(Point3::from(low), Point3::from(high)).unwrap();
+    let object = front.object_pixels(6);
+    let bias = Bias::estimate(&view, &volume, &object, &Parameters::default(), || None);
+    let outline = outline_offset(&view, &front, &bias);
+    (bias, outline)
+}
+
+#[test]
+fn the_table_is_found_wherever_the_rigs_frame_has_it() {
+    for off_mm in [0, -6] {
+        let (here, outline) = found_on_table(0.0, 0.0, off_mm);
+        assert_eq!(here.source, BiasSource::Table);
+        assert!((here.found - 1e-3 * f64::from(off_mm)).abs() < 1e-6);
+        assert!(outline.is_some());
+        for height in [0.1, -0.3] {
+            let (moved, of_moved) = found_on_table(height, height, off_mm);
+            assert_eq!(moved.source, BiasSource::Table);
+            assert!((moved.found - here.found).abs() < 1e-6, "{moved:?}");
+            assert_eq!(of_moved, outline);
+        }
+    }
+}
+
+#[test]
+fn a_floor_that_is_off_the_table_at_zero_hides_no_table_and_makes_no_bias() {
+    for floor in [-0.04, -2.5e-3, 2.5e-3, 0.025, 0.04] {
+        let (bias, outline) = found_on_table(0.0, floor, 0);
+        assert_eq!(bias.source, BiasSource::Table, "{floor}");
+        assert!(bias.found.abs() < 1e-6, "{floor}: {bias:?}");
+        assert!(outline.is_some(), "{floor}");
+    }
 }
 
 #[test]

@@ -61,6 +61,7 @@ impl Above {
                     found: bias,
                     remaining,
                     source: BiasSource::None,
+                    table: 0.0,
                 },
             },
         }

@@ -114,6 +114,7 @@ impl DepthMeasures {
                 found: 0.0,
                 remaining: 0.0,
                 source: BiasSource::None,
+                table: 0.0,
             },
             stated_uncertainty: None,
             sigma_difference: 0.0,
