@@ -73,8 +73,13 @@ impl Bias {
             .map(|(_, (found, error))| (found, error, BiasSource::Table))
             .or_else(|| from_hull().map(|(found, error)| (found, error, BiasSource::Hull)))
             .unwrap_or((0.0, allowed, BiasSource::None));
+        let known = match source {
+            // A hull that contains the object proves no more than readings in front of it; behind, it may be too large.
+            BiasSource::Hull => found.min(0.0),
+            BiasSource::Table | BiasSource::None => found,
+        };
         // An offset that is only noise would make the depth worse.
-        let metres = shrunk(found, remaining).clamp(-allowed, allowed);
+        let metres = shrunk(known, remaining).clamp(-allowed, allowed);
         Self {
             metres,
             found,
@@ -82,6 +87,27 @@ impl Bias {
             source,
             table,
         }
+    }
+
+    /// Whether the depth lies behind the hull and nothing tells which of the two is off.
+    pub fn is_excess_of_hull(&self) -> bool {
+        self.source == BiasSource::Hull && self.found > 0.0
+    }
+
+    /// Metres by which readings may be off for a reason that is known. How far they lie behind a hull is none: instead
+    /// of it the bias counts that the camera's recording states.
+    pub fn explained(&self, camera: &DepthCamera) -> f64 {
+        if !self.is_excess_of_hull() {
+            return self.remaining;
+        }
+        let response = &camera.response;
+        let stated = match response.has_known_uncertainty() {
+            true => response.uncertainty,
+            false => 0.0,
+        };
+        let excess = self.found - self.metres;
+        let spread = (self.remaining.powi(2) - excess.powi(2)).max(0.0).sqrt();
+        spread.hypot(stated)
     }
 }
 
@@ -268,7 +294,7 @@ pub(super) fn mean_depth(view: &DepthView, x: usize, y: usize) -> Option<f64> {
 
 /// The offset and its error by the places where the hull lies closest to the measured surface: the low end of the
 /// differences on the flatter parts of its front. The hull contains the object, so that the difference is never
-/// negative but for the bias; a faired hull need not.
+/// negative but for the bias; a faired hull need not. A positive one may be the hull's.
 pub(super) fn from_hull(front: &HullRenderings, difference: &Grid<f32>) -> Option<(f64, f64)> {
     const LOW: f64 = 0.2;
     let mut values = Vec::new();

@@ -49,8 +49,7 @@ pub fn read_in_front(
 
 impl FairedHullView<'_> {
     /// Metres of bias that may be left. Only the table tells it by itself: from the hull it is estimated as if the
-    /// plain hull touched the object, and what is read on an object within a loose hull would then seem to lie on that
-    /// hull.
+    /// plain hull touched the object, and what is read in front of a loose hull is then off by more.
     fn remaining_bias(&self, parameters: &Parameters) -> f32 {
         let remaining = self.bias.remaining;
         let bias = match self.bias.source {

@@ -84,8 +84,8 @@ fn a_camera_whose_recording_states_no_bias_may_be_off_by_ten_millimetres() {
     assert!((stated(&camera) - 2e-3).abs() < 1e-9);
 }
 
-/// What is found of the block on a table whose height is `table`, in a volume whose floor is at `floor`, if all depth is
-/// off by `off_mm`.
+/// What is found of the block on a table whose height is `table`, in a volume whose floor is at `floor`, if all depth
+/// is off by `off_mm`.
 fn found_on_table(table: f64, floor: f64, off_mm: i32) -> (Bias, Option<OutlineOffset>) {
     let (mesh, mut camera) = (block(), overhead());
     // As seen from the camera, nothing moves.
@@ -142,12 +142,12 @@ fn a_floor_that_is_off_the_table_at_zero_hides_no_table_and_makes_no_bias() {
     }
 }
 
-#[test]
-fn without_a_table_the_bias_is_how_far_all_lies_behind_what_contains_the_object() {
+/// The bias that is found without a table if all is read at one depth; the block's top is at 0.7 m.
+fn bias_by_hull(read: f32) -> Bias {
     let (mesh, camera) = (block(), overhead());
     let all = |value: f32| Grid::filled(160, 120, value);
     let depth = EnhancedDepth {
-        depth: all(0.705),
+        depth: all(read),
         kind: Grid::filled(160, 120, DepthKind::Measured),
         sigma: all(1e-3),
         noise: SensorNoise {
@@ -166,16 +166,21 @@ fn without_a_table_the_bias_is_how_far_all_lies_behind_what_contains_the_object(
     let (low, high) = (Point3::new(-0.2, -0.2, 0.05), Point3::new(0.2, 0.2, 0.2));
     let volume = Volume::new(low, high).unwrap();
     let render = || HullRenderings::render(&mesh, &vertex_normals(&mesh), &view.camera, 0.3);
-    let found = bias(
-        render,
-        &view,
-        &depth,
-        &volume,
-        &object,
-        &Parameters::default(),
-    );
-    assert_eq!(found.source, BiasSource::Hull);
-    assert!((found.metres - 5e-3).abs() < 1e-5, "{found:?}");
+    let parameters = Parameters::default();
+    bias(render, &view, &depth, &volume, &object, &parameters)
+}
+
+#[test]
+fn without_a_table_only_readings_in_front_of_what_contains_the_object_are_a_bias() {
+    let ahead = bias_by_hull(0.695);
+    assert_eq!(ahead.source, BiasSource::Hull);
+    assert!((ahead.metres + 5e-3).abs() < 1e-5, "{ahead:?}");
+    assert!(ahead.remaining < 1e-3 && !ahead.is_excess_of_hull());
+    // Behind it, the hull may be too large.
+    let behind = bias_by_hull(0.705);
+    assert_eq!((behind.source, behind.metres), (BiasSource::Hull, 0.0));
+    assert!((behind.found - 5e-3).abs() < 1e-5, "{behind:?}");
+    assert!(behind.remaining >= behind.found && behind.is_excess_of_hull());
 }
 
 #[test]

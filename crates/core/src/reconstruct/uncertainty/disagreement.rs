@@ -41,7 +41,7 @@ impl Readings<'_> {
         let noise = OF_READING * self.depth.sigma[(column, row)];
         let error = noise
             .hypot(LATERAL_PX * slope)
-            .hypot(self.regions.bias.remaining as f32);
+            .hypot(self.regions.bias.explained(self.camera) as f32);
         Some(Difference {
             mean: f64::from((sum / count).min(doubt)) * across,
             error: f64::from(error) * across,
@@ -71,6 +71,8 @@ pub(super) fn disagreement(p: Point3<f64>, normal: Vector3<f32>, readings: &[Rea
 mod tests {
     use super::super::testing::{Above, SIDE};
     use super::*;
+    use crate::calibration::DepthResponse;
+    use crate::reconstruct::region::BiasSource;
 
     /// For a place that faces the camera, or is turned away from it by 53 degrees.
     fn at_origin(above: &Above, is_aslant: bool) -> f64 {
@@ -103,6 +105,24 @@ mod tests {
         let found = at_origin(&Above::reads(0.801, 0.0, 0.6e-3), false);
         assert!((found - left(1.0, 0.6e-3)).abs() < 1e-6, "{found}");
         assert_eq!(at_origin(&Above::reads(0.801, 0.0, 2e-3), false), 0.0);
+    }
+
+    #[test]
+    fn readings_behind_a_hull_that_may_be_too_large_make_it_doubtful() {
+        let (found, spread) = (8e-3_f64, 1e-3);
+        let mut above = Above::reads(0.808, 0.0, found.hypot(spread));
+        // Without a source, the bias that may remain explains it.
+        assert_eq!(at_origin(&above, false), 0.0);
+        let bias = &mut above.regions.bias;
+        (bias.source, bias.found) = (BiasSource::Hull, found);
+        for unstated in [0.0, DepthResponse::MOST_UNCERTAINTY] {
+            above.camera.response.uncertainty = unstated;
+            let off = at_origin(&above, false);
+            assert!((off - left(8.0, spread)).abs() < 1e-6, "{off}");
+        }
+        // What the calibration states explains it, too.
+        above.camera.response.uncertainty = 8e-3;
+        assert_eq!(at_origin(&above, false), 0.0);
     }
 
     #[test]

@@ -214,11 +214,14 @@ fn elsewhere(seeing: &[&DepthMeasures], parameters: &Parameters) -> Option<Reaso
     })
 }
 
-/// Depth cameras that carved although neither the table nor the hull shows by how much they are off. The error that the
-/// model states includes it.
+/// Depth cameras of which neither the table nor the hull shows by how much they are off: those that carved, and those
+/// that read all of the object behind a hull that may be too large. The error that the model states includes it.
 fn unchecked(seeing: &[&DepthMeasures]) -> Option<Reason> {
-    let is_unchecked =
-        |d: &&&DepthMeasures| d.regions.is_some() && d.bias.source == BiasSource::None;
+    let is_unchecked = |d: &&&DepthMeasures| match d.bias.source {
+        BiasSource::Table => false,
+        BiasSource::Hull => d.bias.is_excess_of_hull(),
+        BiasSource::None => d.regions.is_some(),
+    };
     let found: Vec<_> = seeing.iter().filter(is_unchecked).collect();
     let most = found.iter().map(|d| d.bias.remaining).reduce(f64::max)?;
     let names: Vec<&str> = found.iter().map(|d| d.camera.as_str()).collect();

@@ -243,6 +243,23 @@ fn a_hollow_whose_depth_nothing_checks_is_told() {
 }
 
 #[test]
+fn depth_behind_a_hull_that_may_be_too_large_is_told_and_depth_in_front_is_known() {
+    let of = |found| {
+        let mut measured = measured();
+        measured.depth_cameras = 1;
+        let mut depth = crate::report::DepthMeasures::nothing(id("kinect"));
+        (depth.facts.measured, depth.coverage) = (1000, 0.9);
+        (depth.bias.source, depth.bias.found) = (BiasSource::Hull, found);
+        depth.bias.remaining = 8e-3;
+        measured.depths = vec![depth];
+        codes(&judged(&measured, &capture()), Level::Green)
+    };
+    let (none, told) = (ReasonCode::NoRegion, ReasonCode::DepthUnchecked);
+    assert_eq!(of(7e-3), [none, told]);
+    assert_eq!(of(-7e-3), [none]);
+}
+
+#[test]
 fn an_outline_that_the_depth_has_elsewhere_is_amber_and_names_the_camera() {
     let of = |apart: f64| {
         let mut measured = measured();
