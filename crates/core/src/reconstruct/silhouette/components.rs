@@ -3,7 +3,8 @@
 
 use super::Parameters;
 use super::cells::Cells;
-use crate::image::{Grid, PixelRect};
+use super::region::Region;
+use crate::image::{Grid, Mask, PixelRect};
 
 /// What was mended.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -64,6 +65,33 @@ pub(super) fn tidy(
         }
     }
     tidied
+}
+
+/// The rectangle in `part` of those pieces of a mask (128 and up) that can be the object: they reach into the volume's
+/// projection, and are no specks. All of `part` where none does.
+pub(super) fn object_bounds(
+    mask: &Mask,
+    part: PixelRect,
+    region: &Region,
+    parameters: &Parameters,
+) -> PixelRect {
+    let mut object = mask.map(|&level| level >= 128);
+    let columns: Vec<(f64, f64)> = (0..mask.height())
+        .map(|y| region.columns(y as f64, 1.0))
+        .collect();
+    let is_in_volume = |&i: &usize| {
+        let (first, last) = columns[i / mask.width()];
+        (first..=last).contains(&((i % mask.width()) as f64))
+    };
+    let (candidates, others): (Vec<_>, Vec<_>) = pieces(&object, true, part)
+        .into_iter()
+        .partition(|piece| piece.cells.iter().any(is_in_volume));
+    let largest = candidates.iter().map(|p| p.cells.len()).max().unwrap_or(0) as f32;
+    let is_speck = |p: &&Piece| (p.cells.len() as f32) < parameters.smallest_piece * largest;
+    for piece in others.iter().chain(candidates.iter().filter(is_speck)) {
+        set(&mut object, &piece.cells, false);
+    }
+    object.extent(part, |&o| o).unwrap_or(part)
 }
 
 fn set(grid: &mut Grid<bool>, cells: &[usize], value: bool) {

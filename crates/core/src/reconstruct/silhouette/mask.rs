@@ -1,11 +1,18 @@
 //! Makes a silhouette of a mask that the recording has, without changing it.
 
-use super::Silhouette;
 use super::facts::{self, Facts};
+use super::region::Region;
+use super::{Parameters, Silhouette, components};
 use crate::image::{Mask, PixelRect, RgbImage};
 
-/// The mask as a level set; an error says why there is no object.
-pub(super) fn silhouette(picture: &RgbImage, mask: &Mask) -> Result<Silhouette, String> {
+/// The mask as a level set; an error says why there is no object. A stray pixel stays in the level set, but counts for
+/// nothing in the bounds, by which a displacement of the silhouette is judged.
+pub(super) fn silhouette(
+    picture: &RgbImage,
+    mask: &Mask,
+    region: &Region,
+    parameters: &Parameters,
+) -> Result<Silhouette, String> {
     let whole = PixelRect::whole(mask.width(), mask.height());
     let bounds = facts::bounds(mask, whole);
     if bounds.is_empty() {
@@ -16,6 +23,7 @@ pub(super) fn silhouette(picture: &RgbImage, mask: &Mask) -> Result<Silhouette, 
     } else {
         smoothed(mask, bounds)
     };
+    let bounds = components::object_bounds(mask, bounds, region, parameters);
     Ok(Silhouette {
         facts: Facts::of_level(picture, &level, bounds),
         bounds,
@@ -132,7 +140,54 @@ mod tests {
 
     fn silhouette_of(mask: &Mask) -> Silhouette {
         let picture = RgbImage::filled(mask.width(), mask.height(), [100; 3]);
-        silhouette(&picture, mask).unwrap()
+        let region = anywhere(mask);
+        silhouette(&picture, mask, &region, &Parameters::default()).unwrap()
+    }
+
+    /// The projection of a volume that surrounds the camera.
+    fn anywhere(mask: &Mask) -> Region {
+        Region {
+            rect: PixelRect::whole(mask.width(), mask.height()),
+            outline: Vec::new(),
+            picture: (mask.width(), mask.height()),
+        }
+    }
+
+    /// A disc around the middle of a picture of 60 by 60.
+    fn disc(radius: f64) -> Mask {
+        Mask::from_fn(60, 60, |x, y| {
+            let inside = radius - (x as f64 - 29.5).hypot(y as f64 - 29.5);
+            if inside >= 0.0 { 255 } else { 0 }
+        })
+    }
+
+    #[test]
+    fn stray_pixels_stay_but_are_not_in_the_bounds() {
+        let clean = disc(15.0);
+        let mut mask = clean.clone();
+        (mask[(3, 3)], mask[(56, 56)]) = (255, 255);
+        let found = silhouette_of(&mask);
+        assert_eq!(found.bounds, silhouette_of(&clean).bounds);
+        assert!(found.level[(3, 3)] >= 128 && found.level[(56, 56)] >= 128);
+    }
+
+    #[test]
+    fn what_no_part_of_the_volume_projects_to_is_not_in_the_bounds() {
+        let clean = disc(15.0);
+        let beside = |x: usize, y: usize| x >= 55 && y >= 10;
+        let mask = Mask::from_fn(
+            60,
+            60,
+            |x, y| if beside(x, y) { 255 } else { clean[(x, y)] },
+        );
+        let picture = RgbImage::filled(60, 60, [100; 3]);
+        let corners = [(10.0, 10.0), (50.0, 10.0), (50.0, 50.0), (10.0, 50.0)];
+        let region = Region {
+            outline: corners.map(|(x, y)| Point2::new(x, y)).to_vec(),
+            ..anywhere(&mask)
+        };
+        let found = silhouette(&picture, &mask, &region, &Parameters::default()).unwrap();
+        assert_eq!(found.bounds, silhouette_of(&clean).bounds);
     }
 
     #[test]
@@ -160,8 +215,10 @@ mod tests {
     #[test]
     fn an_empty_mask_is_refused() {
         let picture = RgbImage::filled(8, 8, [0; 3]);
-        assert!(silhouette(&picture, &Mask::filled(8, 8, 127)).is_err());
+        let mask = Mask::filled(8, 8, 127);
+        assert!(silhouette(&picture, &mask, &anywhere(&mask), &Parameters::default()).is_err());
     }
 
     use crate::image::Grid;
+    use nalgebra::Point2;
 }

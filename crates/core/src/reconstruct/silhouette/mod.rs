@@ -92,7 +92,7 @@ pub struct Silhouette {
     pub level: Mask,
     /// Where the picture was looked at: the volume's projection and a margin. Outside it the level is 0.
     pub region: PixelRect,
-    /// The object's pixels (128 and up).
+    /// The object's pixels (128 and up), without those of a mask that are specks or beside the volume's projection.
     pub bounds: PixelRect,
     /// What was found on the way.
     pub facts: Facts,
@@ -161,9 +161,10 @@ pub fn extract(
     let silhouette = match &view.silhouette {
         SilhouetteSource::Mask(mask) => {
             check("mask", (mask.width(), mask.height()))?;
+            let of = |mask: &Mask| mask::silhouette(&view.image, mask, &region, parameters);
             match &ignored {
-                Some(ignored) => mask::silhouette(&view.image, &ignored.mask(mask)),
-                None => mask::silhouette(&view.image, mask),
+                Some(ignored) => of(&ignored.mask(mask)),
+                None => of(mask),
             }
         }
         SilhouetteSource::Background(plate) => {
