@@ -1,9 +1,10 @@
-//! Makes a silhouette of a mask that the recording has, without changing it.
+//! Makes a silhouette of a mask that the recording has, without moving its contour.
 
 use super::facts::{self, Facts};
 use super::region::Region;
 use super::{Parameters, Silhouette, components};
 use crate::image::{Mask, PixelRect, RgbImage};
+use std::borrow::Cow;
 
 /// The mask as a level set; an error says why there is no object. A stray pixel stays in the level set, but counts for
 /// nothing in the bounds, by which a displacement of the silhouette is judged.
@@ -18,10 +19,11 @@ pub(super) fn silhouette(
     if bounds.is_empty() {
         return Err("no pixel of its mask is 128 or more".to_owned());
     }
-    let level = if is_soft(mask) {
-        saturated(mask)
+    let bright = bright(mask);
+    let level = if is_soft(&bright) {
+        saturated(&bright)
     } else {
-        smoothed(mask, bounds)
+        smoothed(&bright, bounds)
     };
     let bounds = components::object_bounds(mask, bounds, region, parameters);
     Ok(Silhouette {
@@ -31,6 +33,43 @@ pub(super) fn silhouette(
         level,
         unknown: None,
     })
+}
+
+/// How far the levels inside a dim object may spread around their median.
+const SPREAD: usize = 10;
+
+/// The mask with an object of 255: carving is checked only where a level is surely inside. The contour stays where it
+/// is, for levels below 128 stay, and 128 does.
+fn bright(mask: &Mask) -> Cow<'_, Mask> {
+    let Some(top) = dim_inside(mask) else {
+        return Cow::Borrowed(mask);
+    };
+    Cow::Owned(mask.map(|&level| match level {
+        0..128 => level,
+        _ if level >= top => 255,
+        _ => {
+            let (above, span) = (u32::from(level - 128), u32::from(top - 128));
+            128 + (above * 127 / span) as u8
+        }
+    }))
+}
+
+/// The level inside the object, if that is well below 255; `None` also where most of the object is contour.
+fn dim_inside(mask: &Mask) -> Option<u8> {
+    let mut counts = [0usize; 256];
+    for &level in mask.pixels() {
+        counts[usize::from(level)] += 1;
+    }
+    let object: usize = counts[128..].iter().sum();
+    let mut up_to = 0;
+    let median = (128..=255u8).find(|&level| {
+        up_to += counts[usize::from(level)];
+        2 * up_to > object
+    })?;
+    let middle = usize::from(median);
+    let alike = &counts[(middle - SPREAD).max(128)..=(middle + SPREAD).min(255)];
+    let is_inside = 2 * alike.iter().sum::<usize>() > object;
+    (is_inside && median < 255 - NEARLY).then_some(median)
 }
 
 /// Whether the mask has grey levels along its contour, which then say where in a pixel it passes.
@@ -159,6 +198,32 @@ mod tests {
             let inside = radius - (x as f64 - 29.5).hypot(y as f64 - 29.5);
             if inside >= 0.0 { 255 } else { 0 }
         })
+    }
+
+    #[test]
+    fn a_dim_mask_is_as_good_as_a_bright_one() {
+        let soft = Mask::from_fn(60, 60, |x, y| {
+            let inside = 20.0 - (x as f64 - 29.5).hypot(y as f64 - 29.5);
+            (127.5 + 100.0 * inside).clamp(0.0, 255.0) as u8
+        });
+        for (mask, dim) in [(soft, 240), (disc(20.0), 240), (disc(20.0), 128)] {
+            let capped = mask.map(|&level| level.min(dim));
+            let (capped, full) = (silhouette_of(&capped).level, silhouette_of(&mask).level);
+            for (&capped, &full) in capped.pixels().iter().zip(full.pixels()) {
+                assert_eq!(capped >= 128, full >= 128);
+                assert!(capped.abs_diff(full) <= 15, "{capped}, {full}");
+                assert!(capped == 255 || full < 255, "{capped}");
+            }
+        }
+    }
+
+    #[test]
+    fn a_mask_that_is_mostly_contour_is_not_brightened() {
+        let wire = Mask::from_fn(60, 60, |x, y| {
+            let from_middle = (x as f64 - 0.37 * y as f64 - 15.0).abs();
+            (230.0 - 120.0 * from_middle).clamp(0.0, 255.0) as u8
+        });
+        assert_eq!(dim_inside(&wire), None);
     }
 
     #[test]
