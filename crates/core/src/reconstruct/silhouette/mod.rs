@@ -208,7 +208,7 @@ fn difference(
     };
     let (cells, evidence) = (all.cropped(part), cells::cropped(&evidence, part));
     let ratios = evidence::ratios(&cells, &photometry);
-    let is_grey = grey::is_grey(&cells);
+    let is_grey = grey::is_grey(&cells, &evidence, &photometry);
     let mut object = if is_grey {
         grey::decide(&cells, &evidence, &ratios, parameters)
     } else {
