@@ -19,8 +19,8 @@ const UNPRINTED_MM: f64 = 5.0;
 /// Millimetres of white around the pattern, as a part of a square, and for rulers and text outside it.
 const QUIET: f64 = 0.5;
 const STRIP_MM: f64 = 12.0;
-/// Smallest and largest height of the letters, and their mean width as a part of it. They are smaller on a page where one
-/// line of these does not fit.
+/// Smallest and largest height of the letters, and their mean width as a part of it. They are smaller where one line of
+/// these does not fit the page.
 const LETTERS_MM: [f64; 2] = [3.0, 4.5];
 const LETTER_WIDTH: f64 = 0.5;
 
