@@ -156,10 +156,12 @@ impl Live {
 
 async fn run_job(offers: &Arc<Dispatcher>, plan: &RigPlan, handed: &OfferedJob) {
     let capture = &handed.job.capture;
-    let settings = std::fs::read_to_string(handover::settings_path(&plan.recordings));
-    let found = offers.find_recording(&plan.recordings, handed).await;
-    let (Some(recording), Ok(settings)) = (found, settings) else {
-        let reason = "its recording, or the settings, cannot be found".into();
+    let Ok(settings) = std::fs::read_to_string(handover::settings_path(&plan.recordings)) else {
+        // The daemon writes them as soon as its disk has room for them; the job is looked at again.
+        return;
+    };
+    let Some(recording) = offers.find_recording(&plan.recordings, handed).await else {
+        let reason = "its recording cannot be found".into();
         return say(&handed.file, &Answer::MakeLocally { reason });
     };
     let complete = finished_name(&recording).unwrap_or_else(|| recording.clone());

@@ -138,7 +138,14 @@ impl Look {
         let mut connection = daemon.open().await?;
         match connection.ask(&Request::Look {}, PATIENCE).await? {
             Reply::Looking => self.state.lock().problem = None,
-            Reply::Refused { reason } => return Err(Error::Refused(reason)),
+            reply @ Reply::Refused { .. } => {
+                let refused = daemon.refused(&mut connection, reply).await;
+                // Why a daemon cannot start names files, and who looks may be a viewer.
+                return Err(match daemon.is_stopped() {
+                    true => Error::Away(std::io::ErrorKind::ConnectionReset.into()),
+                    false => refused,
+                });
+            }
             reply => {
                 return Err(Error::Senseless(
                     format!("{reply:?}").chars().take(200).collect(),

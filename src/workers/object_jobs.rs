@@ -262,7 +262,8 @@ impl ObjectJobs {
             .iter()
             .find_map(|(recording, _)| complete_captures(recording).into_iter().find(is_noted));
         let Some((subject, _)) = noted else {
-            return true;
+            // One that cannot be read now may have it.
+            return named(&self.recordings, session_of(capture)).len() == recordings.len();
         };
         let recordings: Vec<_> = recordings.iter().map(|(r, p)| (r, p.as_path())).collect();
         let objects = ObjectJob::of_session(&recordings).into_iter();

@@ -155,6 +155,8 @@ impl Shared {
             matches!(answer, Some(Answer::Made | Answer::Failed { .. }))
         };
         while !self.jobs.is_stopped() {
+            // The process of the fleet waits for them.
+            self.jobs.has_settings();
             match self.jobs.take_where(is_over) {
                 Some(taken) => self.guarded(taken, Self::end_answered),
                 None => self.jobs.pause(HANDOVER),

@@ -579,10 +579,10 @@ fn a_renamed_recording_is_found_also_if_the_clock_was_ahead_at_its_capture() {
     let path = place.recording("a.mcap");
     record(&path, &[("a-1", 1000)], true);
     let job = Job::new(&path, "a-1", at(1000).0, "test");
-    if job.file.is_empty() {
-        // On this file system no file is known under another name.
-        return;
-    }
+    assert!(
+        !job.file.is_empty(),
+        "a file system on which no file is known under another name"
+    );
     let file = std::fs::File::options().write(true).open(&path).unwrap();
     let before = SystemTime::UNIX_EPOCH + Duration::from_secs(1_000_000_000);
     file.set_modified(before).unwrap();

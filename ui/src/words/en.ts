@@ -428,7 +428,7 @@ export const en = {
   said_remake_waits: "a remake with the same settings is waiting already",
   said_remakes_wait: "{n} remakes wait already: try again when one is done",
   said_no_models: "this daemon makes no models",
-  said_session_unmade: "models of an earlier session {name} are not made yet, or were rejected before that: choose another name",
+  said_session_unmade: "models of an earlier session {name} are not made yet, or its captures were rejected before that: choose another name",
   said_no_recording: "no recording in {folder} is named after capture {capture}: if its recording was renamed, name that file with scand note --recording",
   said_look_memory: "a look would take memory that the next capture needs: raise capture.memory_mb",
   said_look_turns: "it runs only while a capture is taken, because depth cameras take turns (take_turns)",

@@ -61,7 +61,7 @@ impl CaptureThread {
             && jobs.has_jobs_of_session(name)
         {
             return Err(format!(
-                "models of an earlier session {name} are not made yet, or were rejected before that: \
+                "models of an earlier session {name} are not made yet, or its captures were rejected before that: \
                 choose another name"
             ));
         }

@@ -47,7 +47,7 @@ pub(super) fn judge(measured: &Measurements, parameters: &Parameters, into: &mut
     about_bias(&seeing, parameters, into);
     into.extend(outlines(&seeing, parameters));
     into.extend(elsewhere(&seeing, parameters));
-    into.extend(unchecked(&seeing));
+    into.extend(unchecked(&seeing, parameters));
     about_regions(&seeing, parameters, into);
     if !seeing.is_empty() {
         into.extend(lids(measured, parameters));
@@ -138,10 +138,6 @@ fn unobserved(measured: &Measurements, parameters: &Parameters) -> Option<Reason
 }
 
 fn about_bias(seeing: &[&DepthMeasures], parameters: &Parameters, into: &mut Vec<Reason>) {
-    let excess = |d: &DepthMeasures| {
-        let unstated = 1e-3 * parameters.unstated_uncertainty_mm;
-        1e3 * (d.bias.found.abs() - d.stated_uncertainty.unwrap_or(unstated))
-    };
     let found = |camera: &CameraId| {
         let found = seeing.iter().find(|d| d.camera == *camera);
         found.map_or(0.0, |d| d.bias.found)
@@ -149,7 +145,7 @@ fn about_bias(seeing: &[&DepthMeasures], parameters: &Parameters, into: &mut Vec
     let reason = about_cameras(
         ReasonCode::DepthBiased,
         &parameters.bias_excess_mm,
-        seeing.iter().map(|d| (&d.camera, excess(d))),
+        seeing.iter().map(|d| (&d.camera, excess(d, parameters))),
         |v| format!("{v:.1} mm more"),
         |names| format!("depth is off by more than its calibration allows: {names}"),
     );
@@ -159,6 +155,12 @@ fn about_bias(seeing: &[&DepthMeasures], parameters: &Parameters, into: &mut Vec
         }
         reason
     }));
+}
+
+/// Millimetres of bias beyond what a depth camera's calibration leaves possible.
+fn excess(d: &DepthMeasures, parameters: &Parameters) -> f64 {
+    let unstated = 1e-3 * parameters.unstated_uncertainty_mm;
+    1e3 * (d.bias.found.abs() - d.stated_uncertainty.unwrap_or(unstated))
 }
 
 /// Depth cameras that see the object end elsewhere than the colour cameras do. A wrong focal length moves no reading of
@@ -216,10 +218,15 @@ fn elsewhere(seeing: &[&DepthMeasures], parameters: &Parameters) -> Option<Reaso
 
 /// Depth cameras of which neither the table nor the hull shows by how much they are off: those that carved, and those
 /// that read all of the object behind a hull that may be too large. The error that the model states includes it.
-fn unchecked(seeing: &[&DepthMeasures]) -> Option<Reason> {
+fn unchecked(seeing: &[&DepthMeasures], parameters: &Parameters) -> Option<Reason> {
+    // Of more than the calibration leaves possible, `DepthBiased` tells.
+    let is_told = |d: &DepthMeasures| {
+        let excess = excess(d, parameters);
+        parameters.bias_excess_mm.level(excess).is_some()
+    };
     let is_unchecked = |d: &&&DepthMeasures| match d.bias.source {
         BiasSource::Table => false,
-        BiasSource::Hull => d.bias.is_excess_of_hull(),
+        BiasSource::Hull => d.bias.is_excess_of_hull() && !is_told(d),
         BiasSource::None => d.regions.is_some(),
     };
     let found: Vec<_> = seeing.iter().filter(is_unchecked).collect();
