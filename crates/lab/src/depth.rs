@@ -110,20 +110,17 @@ impl DepthScene {
         let key = [options.seed, 5, camera, frame];
         let noise = correlated_noise(&key, columns.len(), rows.len());
         for (j, y) in rows.enumerate() {
-            let of_row = Random::new(&[options.seed, 6, camera, y as u64]);
+            let mut pattern = Random::new(&[options.seed, 6, camera, y as u64]);
             let mut chance = Random::new(&[key[0], 7, camera, frame, y as u64]);
             for (i, x) in columns.clone().enumerate() {
-                // What stays with a pixel depends neither on the other pixels nor on what is seen.
-                let mut of_pixel = of_row.with(x as u64);
-                let fixed = fixed_pattern(&mut of_pixel, options.seed, camera, x, y);
+                let fixed = fixed_pattern(&mut pattern, options.seed, camera, x, y);
                 // Whether a reading fails depends to 70 % on the pixel, the same in every frame, and to 30 % on the
                 // frame.
-                let luck = of_pixel.uniform() * 0.7 + chance.uniform() * 0.3;
-                let is_dead = of_pixel.uniform() < DEAD;
+                let luck = pattern.uniform() * 0.7 + chance.uniform() * 0.3;
                 let ideal = self.disparity[(x, y)];
                 let lost = sensor.holes
                     && (luck < f64::from(self.failure[(x, y)])
-                        || is_dead
+                        || pattern.uniform() < DEAD
                         || chance.uniform() < DROPPED);
                 if ideal.is_nan() || lost {
                     continue;

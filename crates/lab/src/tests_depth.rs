@@ -2,26 +2,17 @@
 
 use super::*;
 use scand_core::image::Grid;
-use scand_core::reconstruct::DepthFrame;
 
 /// Readings in millimetres of an empty table from `distance` metres, a little at a slant, so that its
 /// disparity falls on all parts of a step.
 fn empty_table(distance: f64, frames: usize) -> Vec<Grid<u16>> {
-    let sensor = DepthSensor {
-        frames,
-        ..DepthSensor::default()
-    };
-    empty_table_read_by(sensor, distance)
-}
-
-fn empty_table_read_by(sensor: DepthSensor, distance: f64) -> Vec<Grid<u16>> {
     let mut options = Options::small(Shape::Ball);
     options.cameras = 2;
     options.faults.empty_table = true;
     // The camera aims at half the ball's height.
     options.depth_distance = distance - 0.03;
     options.depth_slant_deg = 8.0;
-    options.depth = sensor;
+    options.depth.frames = frames;
     let scene = Simulation::new(options).unwrap().scene(0);
     let frames = scene.depths.into_iter().flat_map(|view| view.frames);
     frames.map(|frame| frame.readings).collect()
@@ -91,90 +82,23 @@ fn noise_and_steps_are_those_of_a_real_sensor() {
 }
 
 #[test]
-fn noise_grows_with_the_square_of_the_distance() {
+fn noise_grows_with_the_square_of_the_distance_and_a_pattern_stays() {
     let spread = |distance: f64| {
         let bursts = bursts(&empty_table(distance, 30));
         let within = bursts.iter().map(|b| variance(b)).sum::<f64>() / bursts.len() as f64;
-        within.sqrt()
+        let means: Vec<f64> = bursts
+            .iter()
+            .map(|b| b.iter().sum::<f64>() / b.len() as f64)
+            .collect();
+        (within.sqrt(), variance(&means).sqrt())
     };
     let (near, far) = (spread(0.7), spread(1.4));
-    assert!((far / near / 4.0 - 1.0).abs() < 0.15, "{near} {far}");
-}
-
-/// Variance of the difference between the means of two pixels beside each other. A table's slant adds the same to
-/// all of them.
-fn roughness(frames: &[Grid<u16>]) -> f64 {
-    let mean = Grid::from_fn(frames[0].width(), frames[0].height(), |x, y| {
-        let readings = frames.iter().map(|f| f64::from(f[(x, y)]));
-        let readings: Vec<f64> = readings.filter(|r| *r > 0.0).collect();
-        match readings.len() * 2 >= frames.len() {
-            true => readings.iter().sum::<f64>() / readings.len() as f64,
-            false => f64::NAN,
-        }
-    });
-    let pairs = (0..mean.height()).flat_map(|y| mean.row(y).windows(2));
-    let differences: Vec<f64> = pairs.map(|pair| pair[1] - pair[0]).collect();
-    let differences: Vec<f64> = differences.into_iter().filter(|d| d.is_finite()).collect();
-    variance(&differences)
-}
-
-/// A pattern that were another one in each frame would hardly be left in the mean of thirty.
-#[test]
-fn a_pattern_is_left_in_the_mean_of_a_burst() {
-    let rough = |pattern_steps: f64| {
-        let sensor = DepthSensor {
-            pattern_steps,
-            ..DepthSensor::default()
-        };
-        roughness(&empty_table_read_by(sensor, 0.7))
-    };
-    let (with, without) = (rough(0.25), rough(0.0));
-    assert!(with > 3.0 * without, "{with} {without}");
-}
-
-/// What each pixel reads in a burst without noise, 0 if nothing: the same in each frame in which it reads anything.
-fn still(frames: &[DepthFrame]) -> Vec<u16> {
-    let one = |k: usize| {
-        let readings = frames.iter().map(|frame| frame.readings.pixels()[k]);
-        let mut readings: Vec<u16> = readings.filter(|r| *r > 0).collect();
-        readings.dedup();
-        assert!(readings.len() <= 1, "pixel {k} reads {readings:?}");
-        readings.first().copied().unwrap_or_default()
-    };
-    (0..frames[0].readings.pixels().len()).map(one).collect()
-}
-
-#[test]
-fn the_fixed_pattern_belongs_to_the_pixels_whatever_lies_on_the_table() {
-    let mut options = Options::small(Shape::Bowl);
-    options.cameras = 2;
-    options.poses = vec![Pose::Upright, Pose::Side(Some(90.0))];
-    options.depth.frames = 6;
-    options.depth.noise_steps = 0.0;
-    options.depth.smear_px = 0.0;
-    let burst = |empty_table: bool, index: usize| {
-        let mut options = options.clone();
-        options.faults.empty_table = empty_table;
-        let scene = Simulation::new(options).unwrap().scene(index);
-        still(&scene.depths[0].frames)
-    };
-    let table = burst(true, 0);
-    for index in [0, 1] {
-        let seen = burst(false, index);
-        let pixels = table.iter().zip(&seen).filter(|(a, b)| **a > 0 && **b > 0);
-        // The table beside the object. Its triangles are others, so that a reading now and then falls to the other
-        // side of a step, which is 2 mm.
-        let beside = pixels.filter(|(a, b)| a.abs_diff(**b) < 4);
-        let (mut all, mut differ) = (0, 0);
-        for (a, b) in beside {
-            all += 1;
-            differ += usize::from(a != b);
-        }
-        assert!(
-            all > 2000 && 50 * differ < all,
-            "capture {index}: {differ} of {all}"
-        );
-    }
+    assert!(
+        (far.0 / near.0 / 4.0 - 1.0).abs() < 0.15,
+        "{near:?} {far:?}"
+    );
+    // Thirty frames leave 0.18 of their noise in a mean; the fixed pattern is more.
+    assert!(near.1 > 0.3 * near.0, "{near:?}");
 }
 
 #[test]
